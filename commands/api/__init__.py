@@ -1,0 +1,1 @@
+"""The write side of each API dialect."""

@@ -1,0 +1,1 @@
+"""What happened: events, their meaning, and their storage."""

@@ -1,0 +1,168 @@
+"""What robots report and are told: the one vocabulary that every robot link translates to.
+
+A robot drives a *route*: pieces numbered from 1 for as long as its session lasts, appended to and
+never changed. It may move up to its *authority*, a mark on that route, and stops there by itself.
+"""
+
+from enum import StrEnum
+from typing import TypeAlias
+
+from ledger.ids import OrderId, PathKey, PointName, RobotName, SceneId
+from ledger.scene import XY, Value
+
+
+class Mark(Value, frozen=True, kw_only=True, order=True):
+    """A place on a route: `along_m` metres into piece number `piece` (radians, if it is a turn)."""
+
+    piece: int = 0  # 0 = before the first piece
+    along_m: float = 0.0
+
+
+class Piece(Value, frozen=True, kw_only=True):
+    """One entry of a route: a turn in place, or one path driven whole."""
+
+    number: int
+    commit: int  # order in which traffic committed it; lower goes first wherever they meet
+    move: int  # index of the compiled move it is part of, of the map with `plan` as its digest
+    plan: str
+    path: PathKey | None  # None = a turn in place
+    area: int
+    heading_rad: float  # at the end of the piece
+    curve: tuple[XY, ...]  # all Bezier control points, ends included; one point for a turn
+    length_m: float  # radians turned, if it is a turn
+    backward: bool = False
+    speed_mps_max: float | None = None
+    acceleration_mps2_max: float | None = None
+
+
+class Drive(Value, frozen=True, kw_only=True, tag=True):
+    """Append pieces to the route and move the authority forward; never shortens either."""
+
+    robot: RobotName
+    session: str
+    authority: Mark
+    pieces: tuple[Piece, ...] = ()
+
+
+class Act(Value, frozen=True, kw_only=True, tag=True):
+    """Do something where you stand. A repeated id is the same action and is not done twice."""
+
+    robot: RobotName
+    id: str
+    name: str  # bin task or operation as the client named it, or Charge
+    bin: int = 0  # the robot's own storage place
+    order: OrderId | None = None
+    arguments: str = "{}"  # JSON object text
+
+
+class Cancel(Value, frozen=True, kw_only=True, tag=True):
+    """Stop an action that is running, if it can be stopped."""
+
+    robot: RobotName
+    id: str
+
+
+class TellRoute(Value, frozen=True, kw_only=True, tag=True):
+    """Put the outstanding route into the next report: the dispatcher has restarted."""
+
+    robot: RobotName
+
+
+ToRobot: TypeAlias = Drive | Act | Cancel | TellRoute
+
+
+class AlarmLevel(StrEnum):
+    """How bad an alarm is (spec/m4.md, RobotAlarmLevel)."""
+
+    INFO = "Info"
+    WARNING = "Warning"
+    ERROR = "Error"
+    FATAL = "Fatal"
+
+
+class Alarm(Value, frozen=True, kw_only=True):
+    """Trouble that the robot itself reports."""
+
+    level: AlarmLevel
+    code: str
+    message: str
+    times: int = 1
+    at_ms: int = 0
+
+
+class ActionPhase(StrEnum):
+    """How far an action is."""
+
+    RUNNING = "Running"
+    DONE = "Done"
+    FAILED = "Failed"
+
+
+class ActionReport(Value, frozen=True, kw_only=True):
+    """The last action that the robot was told."""
+
+    id: str
+    phase: ActionPhase
+    message: str = ""
+
+
+class Load(Value, frozen=True, kw_only=True):
+    """What lies in one storage place of the robot."""
+
+    bin: int
+    container: str
+
+
+class Report(Value, frozen=True, kw_only=True):
+    """What a robot says of itself, about ten times a second."""
+
+    scene: SceneId
+    robot: RobotName
+    number: int  # grows with each report; an older one is dropped
+    at_ms: int
+    area: int
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float = 0.0  # along its own x axis; negative = backwards
+    turn_radps: float = 0.0
+    point: PointName | None = None  # the point it stands on
+    battery_ratio: float = 1.0
+    charging: bool = False
+    emergency_stop: bool = False
+    soft_stop: bool = False
+    blocked: bool = False
+    blocked_reason: int | None = None  # codes of spec/m4.md, RobotSelfReportMain.blockedReason
+    confidence: float = 1.0
+    odometer_m: float = 0.0
+    odometer_today_m: float = 0.0
+    map_name: str = ""
+    map_digest: str = ""
+    alarms: tuple[Alarm, ...] = ()
+    loads: tuple[Load, ...] = ()
+    action: ActionReport | None = None
+    session: str = ""  # of the route; a new one means that the robot has forgotten the old route
+    progress: Mark = Mark()
+    authority: Mark = Mark()
+    route: tuple[Piece, ...] | None = None  # outstanding pieces, only when asked by TellRoute
+
+
+class Space(Value, frozen=True, kw_only=True):
+    """Ground that a robot holds: a polygon in the scene's frame."""
+
+    points: tuple[XY, ...]
+
+
+class Plan(Value, frozen=True, kw_only=True):
+    """What the scheduler intends with a robot just now, for those who look on; not a command."""
+
+    scene: SceneId
+    robot: RobotName
+    at_ms: int
+    ready: bool  # traffic knows where the robot is and may move it
+    target: PointName | None = None
+    untravelled: tuple[PathKey, ...] = ()  # paths still to be driven
+    spaces: tuple[Space, ...] = ()  # cells it holds now
+    blocked_by: tuple[RobotName, ...] = ()
+    commit: int = 0  # number of its newest committed move, 0 = none
+    moving: bool = False

@@ -1,0 +1,169 @@
+"""Value types of a scene: what the map and the robots on it are, in metres and radians."""
+
+from enum import StrEnum
+from typing import TypeAlias
+
+import msgspec
+
+from ledger.ids import BinName, PathKey, PointName, RobotName, SceneId, path_key
+from ledger.scene_config import SceneConfig
+
+XY: TypeAlias = tuple[float, float]  # metres, in the scene's frame
+
+
+class Value(msgspec.Struct, frozen=True, kw_only=True, gc=False):
+    """Base of every value that state and events hold: immutable, and free of reference cycles."""
+
+
+class PointKind(StrEnum):
+    """What a point is for; importers translate the vendors' classes."""
+
+    WAYPOINT = "Waypoint"  # only driven over
+    ACTION = "Action"  # work is done here
+    PARKING = "Parking"
+    CHARGING = "Charging"
+
+
+class Point(Value, frozen=True, kw_only=True):
+    """A named place that a robot's reference point can be on."""
+
+    name: PointName
+    x_m: float
+    y_m: float
+    kind: PointKind = PointKind.WAYPOINT
+    heading_rad: float | None = None  # heading demanded on arrival; None = any
+    turning: bool = True  # may a robot turn in place here
+
+
+class Path(Value, frozen=True, kw_only=True):
+    """A directed way between two points; a two-way lane is two paths."""
+
+    start: PointName
+    end: PointName
+    # Bezier control points in between, none for a straight path; with both ends they fix the degree
+    controls: tuple[XY, ...] = ()
+    backward: bool = False  # the robot drives it in reverse
+    speed_mps_max: float | None = None  # None = the group's own limit
+    acceleration_mps2_max: float | None = None
+
+    @property
+    def key(self) -> PathKey:
+        """Key of this path, unique in its area."""
+        return path_key(self.start, self.end)
+
+
+class BinTask(Value, frozen=True, kw_only=True):
+    """What a robot can be told to do at a bin, by the name that clients use."""
+
+    name: str
+    operation: str  # the robot's word, for example JackLoad
+    arguments: str = "{}"  # JSON object text, handed to the robot as it is
+
+
+class Bin(Value, frozen=True, kw_only=True):
+    """A storage place for one container, reached from one point."""
+
+    name: BinName
+    point: PointName
+    tasks: tuple[BinTask, ...] = ()
+
+
+class Area(Value, frozen=True, kw_only=True):
+    """One connected map of a scene, for instance a floor."""
+
+    id: int
+    name: str
+    map_name: str
+    map_digest: str  # MD5 of the map file as imported, by which robots compare maps
+    points: tuple[Point, ...]
+    paths: tuple[Path, ...]
+    bins: tuple[Bin, ...] = ()
+    walls: tuple[tuple[XY, XY], ...] = ()  # line segments, for drawing only
+    disabled: bool = False
+
+
+class Kinematics(Value, frozen=True, kw_only=True):
+    """Limits of a robot's motion."""
+
+    speed_mps_max: float = 1.2
+    acceleration_mps2_max: float = 0.6
+    turn_radps_max: float = 1.0
+    turn_radps2_max: float = 2.0
+
+
+class Group(Value, frozen=True, kw_only=True):
+    """Robots of one build: one footprint, one set of limits."""
+
+    id: int
+    name: str
+    # corners counter-clockwise, metres, in the robot's frame: x forwards, origin = reference point
+    footprint: tuple[XY, ...] = ((0.5, 0.35), (-0.5, 0.35), (-0.5, -0.35), (0.5, -0.35))
+    kinematics: Kinematics = Kinematics()
+
+
+class RobotVendor(StrEnum):
+    """Brands of robots (spec/m4.md, RobotVendor)."""
+
+    SEER = "Seer"
+    HAI = "Hai"
+    HIK = "Hik"
+
+
+class ConnectionType(StrEnum):
+    """Who calls whom (spec/m4.md, RobotConnectionType)."""
+
+    FLEET_TO_ROBOT = "FleetToRobot"
+    ROBOT_TO_FLEET = "RobotToFleet"
+    GATEWAY = "GwWs"
+
+
+class RobotConfig(Value, frozen=True, kw_only=True):
+    """How a robot is set up (spec/m4.md, SceneRobot)."""
+
+    name: RobotName
+    group: int = 0  # id of its Group
+    disabled: bool = False
+    simulated: bool = False
+    remark: str | None = None
+    tags: tuple[str, ...] = ()
+    vendor: RobotVendor = RobotVendor.SEER
+    bin_count: int = 1  # loads it carries at once
+    image: str | None = None  # JSON text, the client's own
+    connection: ConnectionType | None = None
+    host: str | None = None
+    port_first: int | None = None
+    tls: bool | None = None
+    gateway_user: str | None = None
+    gateway_secret: str | None = None
+    plus_one: bool | None = None  # one load more, on the fork (spec/m4.md, plusOne)
+
+
+class ContainerType(Value, frozen=True, kw_only=True):
+    """A kind of container that orders may name."""
+
+    name: str
+    footprint: tuple[XY, ...] = ()  # metres; empty = within the robot's own footprint
+
+
+class Scene(Value, frozen=True, kw_only=True):
+    """One site under one dispatch: maps, robot groups and settings (robots are kept beside it)."""
+
+    id: SceneId
+    name: str
+    digest: str  # SHA-256 of the scene file: the same content is the same scene
+    areas: tuple[Area, ...]
+    groups: tuple[Group, ...]
+    container_types: tuple[ContainerType, ...] = ()
+    config: SceneConfig = SceneConfig()
+    disabled: bool = False
+
+
+class SceneFile(Value, frozen=True, kw_only=True):
+    """What `fleetledger scene import` writes and `serve --scene` reads."""
+
+    name: str
+    areas: tuple[Area, ...]
+    groups: tuple[Group, ...] = (Group(id=0, name="default"),)
+    container_types: tuple[ContainerType, ...] = ()
+    robots: tuple[RobotConfig, ...] = ()
+    config: SceneConfig = SceneConfig()

@@ -1,0 +1,1 @@
+"""What can be asked about: read models, queries, analytics."""

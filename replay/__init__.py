@@ -1,0 +1,1 @@
+"""Any past moment: state, recordings, the console."""

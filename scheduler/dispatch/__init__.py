@@ -1,0 +1,1 @@
+"""Who does which order: phases from state to proposals."""

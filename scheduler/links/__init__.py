@@ -1,0 +1,1 @@
+"""How robots are talked to."""

@@ -1,0 +1,1 @@
+"""Who may be where: stops, moves, cells, grants, planners."""
