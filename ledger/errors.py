@@ -60,3 +60,20 @@ class LedgerNewer(LedgerError):
     """The ledger has event types or shapes that this program does not know."""
 
     hint = "Start a version of fleetledger at least as new as the one that wrote it."
+
+
+class Refused(Exception):
+    """The expected no to a request: a stable code, words that name the field, and arguments.
+
+    Outside the tree above, for nothing is wrong with the ledger: dialects answer it with HTTP
+    `status` and `{code, message, args}` (spec/m4.md, ErrorBody).
+    """
+
+    status = 400
+
+    def __init__(self, code: str, message: str, *args: object) -> None:
+        """Take the code that programs read, the sentence that people read, and its arguments."""
+        super().__init__(message)
+        self.code = code
+        self.message = message
+        self.arguments = args
