@@ -1,0 +1,86 @@
+"""Settings of a server: flags over environment over DIR/config.toml over defaults."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, model_validator
+from pydantic_settings import (
+    BaseSettings,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    TomlConfigSettingsSource,
+)
+
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
+
+
+class Auth(StrEnum):
+    """Who may call."""
+
+    KEYS = "keys"
+    NONE = "none"
+
+
+class Settings(BaseSettings):
+    """All options of `serve`; every one is a flag, a FLEETLEDGER_ variable and a TOML key."""
+
+    model_config = SettingsConfigDict(env_prefix="FLEETLEDGER_", extra="forbid")
+
+    data: Path = Field(description="Folder of ledger, telemetry and caches.")
+    host: str = "127.0.0.1"
+    port: int = Field(5800, ge=0, le=65535)
+    auth: Auth = Auth.KEYS
+    scene: tuple[Path, ...] = ()
+    simulate: bool = False
+    speed: float = Field(1.0, gt=0, le=100)
+    seed: int = 1
+    rdscore_port: int | None = Field(None, ge=0, le=65534)
+    snapshot_events: int = Field(250_000, ge=1000, description="Events between two snapshots.")
+    log_json: bool = False
+
+    @model_validator(mode="after")
+    def open_only_on_loopback(self) -> "Settings":
+        """A server without keys must not be reachable from outside."""
+        if self.auth is Auth.NONE and self.host not in LOOPBACK:
+            raise ValueError(
+                f"--auth none is only allowed on a loopback host, not on {self.host}: "
+                "use --auth keys, or --host 127.0.0.1"
+            )
+        return self
+
+    @property
+    def ledger(self) -> Path:
+        """Folder of the events."""
+        return self.data / "ledger"
+
+    @property
+    def snapshots(self) -> Path:
+        """Folder of the snapshots, a cache."""
+        return self.data / "snapshots"
+
+    @property
+    def telemetry(self) -> Path:
+        """Folder of robot reports and plans."""
+        return self.data / "telemetry"
+
+    @classmethod
+    def load(cls, data: Path, **flags: Any) -> "Settings":
+        """Read the settings for a data folder; flags that are None were not given."""
+        given = {name: value for name, value in flags.items() if value is not None}
+        file = data / "config.toml"
+
+        class FromFolder(cls):  # type: ignore[valid-type, misc]
+            @classmethod
+            def settings_customise_sources(
+                cls,
+                settings_cls: type[BaseSettings],
+                init_settings: PydanticBaseSettingsSource,
+                env_settings: PydanticBaseSettingsSource,
+                dotenv_settings: PydanticBaseSettingsSource,
+                file_secret_settings: PydanticBaseSettingsSource,
+            ) -> tuple[PydanticBaseSettingsSource, ...]:
+                return init_settings, env_settings, TomlConfigSettingsSource(settings_cls, file)
+
+        settings: Settings = FromFolder(data=data, **given)
+        return settings
