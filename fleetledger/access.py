@@ -1,4 +1,4 @@
-"""Who calls: key pairs of machine clients, checked in constant time (spec/m4.md §1, app headers)."""
+"""Who calls: key pairs of machine clients, checked in constant time (spec/m4.md §1)."""
 
 import hashlib
 import hmac

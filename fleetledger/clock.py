@@ -1,4 +1,4 @@
-"""The one source of time: epoch milliseconds that may run faster than the wall and never go back."""
+"""The one source of time: epoch milliseconds, perhaps faster than the wall, never back."""
 
 import time
 

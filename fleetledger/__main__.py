@@ -1,0 +1,5 @@
+"""`python -m fleetledger` is `fleetledger`."""
+
+from fleetledger.cli import main
+
+main()

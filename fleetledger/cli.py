@@ -1,0 +1,238 @@
+"""The command line: what there is to do, in words."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+from rich.console import Console
+
+from fleetledger import offline, serving
+from fleetledger.config import Auth, Settings
+from ledger.errors import LedgerError, Refused
+
+app = typer.Typer(
+    name="fleetledger",
+    help=(
+        "Dispatches fleets of mobile robots and never forgets.\n\n"
+        "Start with `fleetledger demo`: a server, a scheduler and twenty simulated robots in a "
+        "generated warehouse, with a map at http://127.0.0.1:5800/."
+    ),
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+scene_app = typer.Typer(
+    help="Bring maps of other systems in, and check them.", no_args_is_help=True
+)
+app.add_typer(scene_app, name="scene")
+role_app = typer.Typer(hidden=True, help="Single roles, for processes of their own.")
+app.add_typer(role_app, name="role")
+errors = Console(stderr=True)
+
+Data = Annotated[
+    Path, typer.Option(help="Folder of ledger, telemetry and caches; made if missing.")
+]
+Port = Annotated[int | None, typer.Option(help="Port of the HTTP API; 0 picks a free one.")]
+Speed = Annotated[float | None, typer.Option(help="How many times faster than the wall.")]
+Seed = Annotated[int | None, typer.Option(help="Seed of everything random: same seed, same run.")]
+Folder = Annotated[Path, typer.Argument(help="Data folder of a server.", exists=True)]
+
+
+@app.command()
+def demo(
+    robots: Annotated[int, typer.Option(min=1, max=500, help="Simulated robots.")] = 20,
+    orders_per_minute: Annotated[
+        float | None, typer.Option(min=0, help="Orders sent; default: two a robot every 3 min.")
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
+    port: Annotated[int, typer.Option(help="Port of the HTTP API; 0 picks a free one.")] = 5800,
+    data: Annotated[Path, typer.Option(help="Where the demo keeps its history.")] = Path(
+        "data/demo"
+    ),
+    seed: Annotated[int, typer.Option(help="Seed of warehouse, robots and orders.")] = 1,
+) -> None:
+    """Watch it work: a generated warehouse, simulated robots, and orders that keep coming.
+
+    No keys are asked for, since it listens on this machine only. Ctrl-C stops everything.
+    """
+    rate = orders_per_minute if orders_per_minute is not None else robots * 2 / 3
+    with _told():
+        serving.demo(
+            robots=robots, orders_per_minute=rate, speed=speed, port=port, data=data, seed=seed
+        )
+
+
+@app.command()
+def serve(
+    data: Data,
+    host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
+    port: Port = None,
+    auth: Annotated[
+        Auth | None, typer.Option(help="keys (default), or none: on a loopback host only.")
+    ] = None,
+    scene: Annotated[
+        list[Path] | None, typer.Option(help="Scene file to serve; may be given again.")
+    ] = None,
+    simulate: Annotated[
+        bool | None, typer.Option("--simulate", help="Drive the simulated robots of the scenes.")
+    ] = None,
+    speed: Speed = None,
+    seed: Seed = None,
+    rdscore_port: Annotated[
+        int | None,
+        typer.Option(help="Serve RDSCore's robotsStatus: HTTP here, WebSocket one port higher."),
+    ] = None,
+    log_json: Annotated[bool | None, typer.Option("--log-json", help="Logs as JSON.")] = None,
+) -> None:
+    """Serve the APIs, run the scheduler, and write every event to the ledger.
+
+    Prints `ready http://HOST:PORT` on standard output once it answers; logs go to standard error.
+    Every option can stand in DATA/config.toml or in a FLEETLEDGER_… variable as well.
+    """
+    with _told():
+        settings = Settings.load(
+            data,
+            host=host,
+            port=port,
+            auth=auth,
+            scene=tuple(scene) if scene else None,
+            simulate=simulate,
+            speed=speed,
+            seed=seed,
+            rdscore_port=rdscore_port,
+            log_json=log_json,
+        )
+        serving.serve(settings)
+
+
+@scene_app.command("import")
+def scene_import(
+    file: Annotated[
+        Path, typer.Argument(help="Map: .smap (SEER) or .map (MovingAI).", exists=True)
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Scene file to write.")],
+    name: Annotated[str | None, typer.Option(help="Name of the scene; default: the map's.")] = None,
+    robots: Annotated[int, typer.Option(min=0, max=5000, help="Simulated robots to add.")] = 0,
+    robot_group: Annotated[
+        Path | None, typer.Option(help="JSON file with the group: footprint and kinematics.")
+    ] = None,
+) -> None:
+    """Translate a map into a scene file for `serve --scene`. Names survive unchanged."""
+    with _told():
+        offline.import_scene(file, output, name=name, robots=robots, robot_group=robot_group)
+
+
+@scene_app.command("check")
+def scene_check(
+    file: Annotated[Path, typer.Argument(help="Scene file.", exists=True)],
+) -> None:
+    """Say in words what a planner would trip over; exit 1 if the scene is unusable."""
+    with _told():
+        raise typer.Exit(0 if offline.check_scene(file) else 1)
+
+
+@scene_app.command("generate")
+def scene_generate(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Scene file to write.")],
+    robots: Annotated[int, typer.Option(min=1, max=1000, help="Robots it must hold.")] = 20,
+    seed: Annotated[int, typer.Option(help="Same seed, same warehouse.")] = 1,
+) -> None:
+    """Write a generated warehouse with room for so many simulated robots."""
+    with _told():
+        offline.generate_scene(output, robots=robots, seed=seed)
+
+
+@app.command()
+def verify(data: Folder) -> None:
+    """Check every segment, checksum, position and snapshot; exit 1 on damage."""
+    with _told():
+        raise typer.Exit(0 if offline.verify(data) else 1)
+
+
+@app.command()
+def replay(
+    data: Folder,
+    at: Annotated[str, typer.Option(help="Moment: ISO 8601, or epoch milliseconds.")],
+    scene: Annotated[str | None, typer.Option(help="Id of one scene; default: all.")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="The whole state as canonical JSON.")
+    ] = False,
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="Open it in the Rerun viewer, on this machine only.")
+    ] = False,
+) -> None:
+    """Show the state at any past moment: orders as they were, robots where they stood."""
+    with _told():
+        offline.replay(data, at=at, scene=scene, as_json=as_json, rerun=rerun)
+
+
+@app.command()
+def export(
+    data: Folder,
+    rrd: Annotated[Path, typer.Option(help="Rerun recording to write.")],
+    scene: Annotated[str | None, typer.Option(help="Id of one scene; default: the first.")] = None,
+    since: Annotated[str | None, typer.Option("--from", help="First moment.")] = None,
+    until: Annotated[str | None, typer.Option("--to", help="Last moment.")] = None,
+) -> None:
+    """Write a stretch of history as a Rerun recording."""
+    with _told():
+        offline.export(data, rrd, scene=scene, since=since, until=until)
+
+
+@app.command()
+def sql(
+    data: Folder,
+    statement: Annotated[str, typer.Argument(help="One SELECT over the views of docs/sql.md.")],
+    form: Annotated[
+        offline.Format, typer.Option("--format", help="How to print the rows.")
+    ] = offline.Format.TABLE,
+) -> None:
+    """Ask the history in SQL: views `orders`, `steps`, `events` and `robots`; read-only."""
+    with _told():
+        offline.sql(data, statement, form)
+
+
+Listen = Annotated[str, typer.Option(help="Endpoint of the bus to open.")]
+Connect = Annotated[list[str], typer.Option(help="Endpoints of the bus to join.")]
+ClockText = Annotated[str, typer.Option(help="The core's clock.")]
+
+
+@role_app.command("scheduler")
+def role_scheduler(listen: Listen, connect: Connect, clock: ClockText, data: Data) -> None:
+    """Plan and dispatch; ends when standard input closes."""
+    with _told():
+        serving.run_scheduler(listen, connect, clock, data)
+
+
+@role_app.command("sim")
+def role_sim(connect: Connect, clock: ClockText, data: Data, seed: int) -> None:
+    """Be the simulated robots; ends when standard input closes."""
+    with _told():
+        serving.run_sim(connect, clock, data, seed)
+
+
+class _told:
+    """Say expected trouble in one line with a hint, and exit 2; bugs keep their traceback."""
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, trouble: BaseException | None, trace: object) -> None:
+        if isinstance(trouble, LedgerError):
+            errors.print(f"[red]{type(trouble).__name__}[/]: {trouble}\n{trouble.hint}")
+        elif isinstance(trouble, Refused):
+            errors.print(f"[red]{trouble.code}[/]: {trouble.message}")
+        elif isinstance(trouble, ValidationError):
+            for fault in trouble.errors():
+                name = ".".join(str(part) for part in fault["loc"]) or "options"
+                errors.print(f"[red]{name}[/]: {fault['msg'].removeprefix('Value error, ')}")
+        else:
+            return
+        raise typer.Exit(2)
+
+
+def main() -> None:
+    """Entry point of the program `fleetledger`."""
+    app(prog_name="fleetledger", args=sys.argv[1:])

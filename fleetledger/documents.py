@@ -1,0 +1,68 @@
+"""Pages of `docs/` that are written from the code: `make docs`, and a test keeps them fresh."""
+
+import inspect
+from pathlib import Path
+from typing import get_type_hints
+
+import msgspec
+
+from ledger.events import EVENTS, Event
+
+ROOT = Path(__file__).parent.parent
+EVENTS_PAGE = ROOT / "docs" / "events.md"
+
+_HEAD = """# Events
+
+Written from `ledger/events/` by `make docs`; do not edit.
+Every message of the ledger is one of these, as JSON with its name in `type`.
+"""
+
+
+def events_page() -> str:
+    """Describe every event: its sentence, its topic, and its fields."""
+    header = [f"`{field.encode_name}`" for field in msgspec.structs.fields(Event)]
+    parts = [_HEAD, f"All have {', '.join(header)} as well.\n"]
+    folder = None
+    for event, aggregate in EVENTS.items():
+        if aggregate != folder:
+            folder = aggregate
+            parts.append(f"## {aggregate.capitalize()}\n")
+        parts.append(f"### {event.__name__}\n")
+        parts.append(f"{inspect.cleandoc(event.__doc__ or '')}\n")
+        parts.append(f"Topic `{aggregate}/{event.__name__}`.\n")
+        rows = _fields(event)
+        if rows:
+            parts.append("\n".join(["| field | type | default |", "|---|---|---|", *rows]) + "\n")
+    return "\n".join(parts)
+
+
+def _fields(event: type[Event]) -> list[str]:
+    own = {f.name for f in msgspec.structs.fields(event)} - {
+        f.name for f in msgspec.structs.fields(Event)
+    }
+    hints = get_type_hints(event)
+    rows = []
+    for field in msgspec.structs.fields(event):
+        if field.name not in own:
+            continue
+        default = "" if field.default is msgspec.NODEFAULT else f"`{field.default!r}`"
+        if default and isinstance(field.default, msgspec.Struct):
+            default = "its own defaults"
+        rows.append(f"| `{field.name}` | {_type_name(hints[field.name])} | {default} |")
+    return rows
+
+
+def _type_name(hint: object) -> str:
+    name = hint.__name__ if isinstance(hint, type) and not hasattr(hint, "__args__") else str(hint)
+    for prefix in ("ledger.ids.", "ledger.scene_config.", "ledger.scene.", "ledger.state."):
+        name = name.replace(prefix, "")
+    return f"`{name.replace('ledger.events.orders.', '')}`".replace("|", "or")
+
+
+def main() -> None:
+    """Write all pages."""
+    EVENTS_PAGE.write_text(events_page())
+
+
+if __name__ == "__main__":
+    main()
