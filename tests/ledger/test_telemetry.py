@@ -1,0 +1,255 @@
+"""The telemetry log gives any moment back, torn or still being written, and keeps its limits."""
+
+import math
+import shutil
+import tempfile
+from pathlib import Path
+
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+
+from ledger.ids import PathKey, RobotName, SceneId
+from ledger.link import Plan, Report
+from ledger.telemetry import (
+    TelemetryLog,
+    plans_at,
+    read_plans,
+    read_telemetry,
+    reports_at,
+)
+from ledger.telemetry_format import LOOK_BACK_MS, WHOLE_EVERY_MS, files
+
+SCENE = SceneId("00000000000000000000000a")
+OTHER = SceneId("00000000000000000000000b")
+T0 = 1_795_000_000_000
+
+
+def report(robot: str, at_ms: int, x_m: float, scene: SceneId = SCENE) -> Report:
+    return Report(
+        scene=scene,
+        robot=RobotName(robot),
+        number=at_ms - T0,
+        at_ms=at_ms,
+        area=0,
+        x_m=x_m,
+        y_m=1.5,
+        heading_rad=0.25,
+    )
+
+
+def drive(log: TelemetryLog, seconds: int, robots: int = 3, start_ms: int = T0) -> list[Report]:
+    """Ten reports a second of every robot, all moving; gives them all."""
+    said = []
+    for tick in range(seconds * 10):
+        at_ms = start_ms + tick * 100
+        batch = [report(f"R{n}", at_ms, (at_ms - T0) / 1000 + n) for n in range(robots)]
+        log.write(batch)
+        said += batch
+    return said
+
+
+def test_a_moment_has_the_newest_report_of_each_robot(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    drive(log, seconds=35)
+    log.flush()
+    for at_ms in range(T0 + 300, T0 + 34_000, 1_700):
+        found = reports_at(tmp_path, SCENE, at_ms)
+        assert sorted(found) == ["R0", "R1", "R2"]
+        for newest in found.values():
+            assert at_ms - 200 <= newest.at_ms <= at_ms
+    log.close()
+
+
+def test_a_scene_sees_only_its_own_robots(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    log.write([report("R", T0, 1.0), report("R", T0, 2.0, OTHER)])
+    log.close()
+    assert reports_at(tmp_path, SCENE, T0)[RobotName("R")].x_m == 1.0
+    assert reports_at(tmp_path, OTHER, T0)[RobotName("R")].x_m == 2.0
+
+
+def test_before_the_first_report_nothing_is_known(tmp_path: Path) -> None:
+    assert reports_at(tmp_path / "never", SCENE, T0) == {}
+    log = TelemetryLog(tmp_path)
+    drive(log, seconds=2)
+    log.close()
+    assert reports_at(tmp_path, SCENE, T0 - 1) == {}
+
+
+def test_a_robot_that_stands_still_is_written_with_every_whole_batch_only(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    for tick in range(300):
+        log.write([report("R", T0 + tick * 100, 7.0)])
+    log.close()
+    written = list(read_telemetry(tmp_path, SCENE, T0, T0 + 60_000))
+    assert [r.at_ms - T0 for r in written] == [0, WHOLE_EVERY_MS, 2 * WHOLE_EVERY_MS]
+
+
+def test_the_last_move_before_a_halt_is_not_lost_to_the_sampling(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    for tick, x_m in enumerate([0.0, 1.0, 2.0, 2.0, 2.0, 2.0]):
+        log.write([report("R", T0 + tick * 100, x_m)])
+    log.close()
+    assert reports_at(tmp_path, SCENE, T0 + 600)[RobotName("R")].x_m == 2.0
+
+
+def test_a_crash_leaves_a_readable_file_that_lacks_a_second_at_most(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path / "live")
+    drive(log, seconds=20)
+    shutil.copytree(tmp_path / "live", tmp_path / "dead")  # what kill -9 would leave
+    log.close()
+    newest = reports_at(tmp_path / "dead", SCENE, T0 + 20_000)
+    assert {r.at_ms >= T0 + 18_800 for r in newest.values()} == {True}
+
+
+def test_reading_follows_the_file_that_is_being_written(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    for second in range(5):
+        drive(log, seconds=1, start_ms=T0 + second * 1000)
+        log.flush()
+        now_ms = T0 + second * 1000 + 900
+        assert reports_at(tmp_path, SCENE, now_ms)[RobotName("R0")].at_ms >= now_ms - 200
+    log.close()
+
+
+@given(cut=st.integers(0, 1 << 20), flip=st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_a_torn_or_damaged_file_reads_as_far_as_it_is_whole(cut: int, flip: bool) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = TelemetryLog(folder)
+        said = {(r.robot, r.at_ms): r for r in drive(log, seconds=4)}
+        log.close()
+        [(_, path)] = files(folder)
+        content = bytearray(path.read_bytes())
+        at = 8 + cut % (len(content) - 8)
+        if flip:
+            content[at] ^= 0x40
+        else:
+            del content[at:]
+        path.write_bytes(content)
+        for found in read_telemetry(folder, SCENE, T0, T0 + 5_000):
+            assert found == said[found.robot, found.at_ms]
+        reports_at(folder, SCENE, T0 + 4_000)
+
+
+histories = st.lists(
+    st.tuples(st.integers(0, 15_000), st.sampled_from("AB"), st.integers(0, 3)), max_size=25
+)
+
+
+@given(history=histories, back_ms=st.integers(0, 30_000))
+@settings(max_examples=80, deadline=None)
+def test_without_sampling_every_moment_is_exact(
+    history: list[tuple[int, str, int]], back_ms: int
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = TelemetryLog(folder, sample_ms=0, file_ms_max=40_000)
+        at_ms, said = T0, []
+        for step_ms, robot, x in history:
+            at_ms += step_ms
+            said.append(report(robot, at_ms, float(x)))
+            log.write(said[-1:])
+        log.close()
+        then_ms = at_ms - back_ms
+        newest: dict[RobotName, float] = {}
+        for item in said:
+            if item.at_ms <= then_ms:
+                newest[item.robot] = item.x_m
+        found = reports_at(folder, SCENE, then_ms)
+        assert {robot: r.x_m for robot, r in found.items()} == newest
+
+
+def test_a_robot_silent_since_before_a_restart_is_still_known(tmp_path: Path) -> None:
+    first = TelemetryLog(tmp_path)
+    first.write([report("SILENT", T0, 1.0), report("R", T0, 2.0)])
+    first.close()
+    second = TelemetryLog(tmp_path)
+    for tick in range(5):
+        second.write([report("R", T0 + 60_000 + tick * WHOLE_EVERY_MS, float(tick))])
+    second.close()
+    assert sorted(reports_at(tmp_path, SCENE, T0 + 100_000)) == ["R", "SILENT"]
+    later_ms = T0 + LOOK_BACK_MS + 120_000
+    third = TelemetryLog(tmp_path)
+    third.write([report("R", later_ms, 0.0)])
+    third.close()
+    assert sorted(reports_at(tmp_path, SCENE, later_ms)) == ["R"]
+
+
+def test_two_logs_of_the_same_second_do_not_overwrite_each_other(tmp_path: Path) -> None:
+    for x_m in (1.0, 2.0):
+        log = TelemetryLog(tmp_path)
+        log.write([report("R", T0 + int(x_m), x_m)])
+        log.close()
+    assert [path.name for _, path in files(tmp_path)] == [
+        "20261118T110640Z.mcap",
+        "20261118T110640Z-1.mcap",
+    ]
+    assert reports_at(tmp_path, SCENE, T0 + 10)[RobotName("R")].x_m == 2.0
+
+
+def test_files_roll_by_time_and_old_ones_go(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path, file_ms_max=5_000, keep_ms=12_000)
+    drive(log, seconds=40)
+    log.close()
+    starts = [(start_ms - T0) // 1000 for start_ms, _ in files(tmp_path)]
+    assert starts == [20, 25, 30, 35]
+    assert reports_at(tmp_path, SCENE, T0 + 26_000)[RobotName("R1")].at_ms == T0 + 26_000
+
+
+def test_the_oldest_files_go_when_there_is_too_much(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path, file_ms_max=2_000, keep_bytes_max=20_000)
+    drive(log, seconds=30)
+    log.close()
+    *old, newest = [path for _, path in files(tmp_path)]
+    assert old
+    assert sum(path.stat().st_size for path in old) <= 20_000
+    assert newest.exists()
+
+
+def test_plans_are_kept_like_reports(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    for tick in range(4):
+        left = tuple(PathKey(f"P{n}->P{n + 1}") for n in range(tick, 4))
+        plan = Plan(
+            scene=SCENE,
+            robot=RobotName("R"),
+            at_ms=T0 + tick * 1000,
+            ready=True,
+            untravelled=left,
+        )
+        log.write_plans([plan])
+    log.close()
+    assert len(plans_at(tmp_path, SCENE, T0 + 1_500)[RobotName("R")].untravelled) == 3
+    assert len(list(read_plans(tmp_path, SCENE, T0, T0 + 9_000))) == 4
+
+
+def test_a_folder_that_cannot_be_written_does_not_stop_the_caller(tmp_path: Path) -> None:
+    blocked = tmp_path / "telemetry"
+    blocked.write_text("a file where a folder should be")
+    log = TelemetryLog(blocked)
+    log.write([report("R", T0, 1.0)])
+    log.write([report("R", T0 + 1_000, 2.0)])
+    log.close()
+
+
+def test_stock_tools_read_the_file_and_draw_the_poses(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    drive(log, seconds=5)
+    log.close()
+    [(_, path)] = files(tmp_path)
+    with path.open("rb") as stream:
+        found = list(make_reader(stream, validate_crcs=True).iter_messages())
+    topics = {channel.topic for _, channel, _ in found}
+    assert topics == {"/fleet/reports"} | {f"/scenes/{SCENE}/robots/R{n}/pose" for n in range(3)}
+    poses = [m for _, c, m in found if c.topic.endswith("R1/pose")]
+    assert 9 <= len(poses) <= 11  # twice a second
+    pose = PoseInFrame.FromString(poses[-1].data)
+    assert pose.frame_id == f"{SCENE}/0"
+    assert math.isclose(2 * math.asin(pose.pose.orientation.z), 0.25)
+    with path.open("rb") as stream:
+        assert list(StreamReader(stream, validate_crcs=True).records)
