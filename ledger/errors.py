@@ -3,6 +3,7 @@
 LedgerError
 ├── Conflict         somebody else appended first
 ├── Unknown          an append may or may not be on disk
+├── LedgerBusy       more events wait for the disk than allowed
 ├── LedgerDamaged    bytes on disk are not what was written
 ├── LedgerLocked     another process has the ledger open
 └── LedgerNewer      written by a newer program
@@ -31,6 +32,12 @@ class Unknown(LedgerError):
     """A write or sync failed: nobody knows whether the last events are on disk."""
 
     hint = "Free disk space or mend the disk, then start again: recovery keeps what is whole."
+
+
+class LedgerBusy(LedgerError):
+    """The disk is so slow that the queue before it is full: nothing was appended, try later."""
+
+    hint = "Look at the disk: it syncs more slowly than events come in."
 
 
 class LedgerDamaged(LedgerError):

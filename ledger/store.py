@@ -1,0 +1,365 @@
+"""The ledger: append, read, and hear of what is on disk. `FileLedger` keeps it, `MemoryLedger` not.
+
+One committer thread turns whatever waits into one chunk, one write, one sync; so many waiting
+clients share a sync. `append` only queues; `durable` and the listeners say what is safe.
+"""
+
+import threading
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Protocol, Self
+
+import structlog
+
+from ledger.disk import Disk
+from ledger.errors import Conflict, LedgerBusy, LedgerError, Unknown
+from ledger.events import AnyEvent
+from ledger.lock import Lock
+from ledger.recovery import Recovered, recover
+from ledger.scan import Tally, events_between, read_segment
+from ledger.segment import (
+    SEGMENT_BYTES_MAX,
+    SEGMENT_CHUNKS_MAX,
+    SegmentWriter,
+    first_position,
+)
+
+log = structlog.get_logger()
+
+CHUNK_EVENTS_MAX = 512  # a commit takes no more commands once it has as many events
+CHUNK_BYTES_MAX = 1024 * 1024  # or as many bytes
+QUEUE_EVENTS_MAX = 65_536  # a few seconds of a slow disk
+AT_MS_MAX = (2**63 - 1) // 1_000_000  # log times are nanoseconds
+
+Listener = Callable[[Sequence[AnyEvent]], None]
+
+
+class Ledger(Protocol):
+    """What the rest of the program knows of the ledger. Append from one thread, read from any."""
+
+    @property
+    def position(self) -> int:
+        """Newest appended, perhaps not yet on disk."""
+
+    @property
+    def durable(self) -> int:
+        """Newest on disk."""
+
+    def append(self, events: Sequence[AnyEvent], expected: int) -> int:
+        """Queue the events of one command, stamped expected+1 …; they are kept or lost together.
+
+        Gives the new position. Raises Conflict where somebody appended meanwhile, LedgerBusy where
+        too much waits for the disk, Unknown after a failure and ever after.
+        """
+
+    def listen(self, listener: Listener) -> None:
+        """Call with the events of each commit once they are on disk, in order, committer thread."""
+
+    def on_failure(self, report: Callable[[LedgerError], None]) -> None:
+        """Call once, committer thread, when the ledger has stopped accepting."""
+
+    def read(self, after: int, until: int | None = None) -> Iterator[AnyEvent]:
+        """Events on disk with after < position ≤ until, newest durable one if None."""
+
+    def wait(self, position: int, timeout_s: float) -> bool:
+        """Wait until on disk and heard by all listeners; Unknown where that will never be."""
+
+    def close(self) -> None:
+        """Put on disk what is queued, and finish."""
+
+
+def check_stamps(events: Sequence[AnyEvent], expected: int) -> int:
+    """Refuse events that are not stamped densely from expected+1; ValueError, for it is our bug."""
+    position = expected
+    for event in events:
+        position += 1
+        if event.position != position or not 0 <= event.at_ms <= AT_MS_MAX:
+            name = type(event).__name__
+            raise ValueError(
+                f"{name} due at {position} is stamped {event.position}, at_ms {event.at_ms}"
+            )
+    return position
+
+
+class FileLedger:
+    """A folder of segments, with a lock on it and a thread that commits."""
+
+    def __init__(
+        self,
+        directory: Path,
+        disk: Disk,
+        lock: Lock,
+        found: Recovered,
+        *,
+        segment_bytes_max: int,
+        segment_chunks_max: int,
+    ) -> None:
+        """Go on where recovery says; use `open`."""
+        self.position = found.position
+        self.durable = found.position
+        self._directory = directory
+        self._disk = disk
+        self._lock = lock
+        self._bytes_max = segment_bytes_max
+        self._chunks_max = segment_chunks_max
+        self._paths = list(found.paths)  # finished segments, and the one being written
+        self._firsts = [first_position(path) for path in self._paths]
+        self._last_ns = found.last_ns
+        self._predecessor = found.sha256
+        self._writer: SegmentWriter | None = None  # made with the first commit
+        self._queue: deque[Sequence[AnyEvent]] = deque()
+        self._queued = 0  # events
+        self._listeners: list[Listener] = []
+        self._reports: list[Callable[[LedgerError], None]] = []
+        self._failure: LedgerError | None = None
+        self._closing = False
+        self._told = found.position  # newest that all listeners have heard
+        self._filled = threading.Condition()  # guards queue, position, closing, failure
+        self._synced = threading.Condition()  # guards told
+        self._files = threading.Lock()  # guards paths, writer's index, durable
+        self._thread = threading.Thread(target=self._run, name="ledger-committer", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def open(
+        cls,
+        directory: Path,
+        *,
+        segment_bytes_max: int = SEGMENT_BYTES_MAX,
+        segment_chunks_max: int = SEGMENT_CHUNKS_MAX,
+        disk: Disk | None = None,
+    ) -> Self:
+        """Lock the folder of segments (made if missing), mend a torn tail, be ready to append.
+
+        Raises LedgerLocked, LedgerDamaged.
+        """
+        disk = disk or Disk()
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = Lock(directory)
+        try:
+            disk.sync_folder(directory.parent)
+            found = recover(disk, directory)
+        except BaseException:
+            lock.close()
+            raise
+        return cls(
+            directory,
+            disk,
+            lock,
+            found,
+            segment_bytes_max=segment_bytes_max,
+            segment_chunks_max=segment_chunks_max,
+        )
+
+    def append(self, events: Sequence[AnyEvent], expected: int) -> int:
+        """Queue events; no more than a lock, for it runs on the thread that answers clients."""
+        position = check_stamps(events, expected)
+        with self._filled:
+            if self._failure is not None:
+                raise Unknown(str(self._failure)) from self._failure
+            if self._closing:
+                raise Unknown("the ledger is closed")
+            if expected != self.position:
+                raise Conflict(expected, self.position)
+            if not events:
+                return position
+            if self._queued and self._queued + len(events) > QUEUE_EVENTS_MAX:
+                raise LedgerBusy(f"{self._queued} events wait for the disk already")
+            self._queue.append(events)
+            self._queued += len(events)
+            self.position = position
+            self._filled.notify()
+        return position
+
+    def listen(self, listener: Listener) -> None:
+        """Hear of every commit from now on."""
+        self._listeners.append(listener)
+
+    def on_failure(self, report: Callable[[LedgerError], None]) -> None:
+        """Hear of the failure that ends it; at once if there has been one."""
+        self._reports.append(report)
+        if self._failure is not None:
+            report(self._failure)
+
+    def wait(self, position: int, timeout_s: float) -> bool:
+        """Wait for the listeners to have heard of a position."""
+        with self._synced:
+            done = self._synced.wait_for(
+                lambda: self._told >= position or self._failure is not None, timeout_s
+            )
+            if self._told >= position:
+                return True
+        if self._failure is not None:
+            raise Unknown(str(self._failure)) from self._failure
+        return done
+
+    def read(self, after: int, until: int | None = None) -> Iterator[AnyEvent]:
+        """Read from the files, every CRC checked; raises LedgerDamaged."""
+        with self._files:
+            until = self.durable if until is None else min(until, self.durable)
+            paths, firsts, writer = list(self._paths), list(self._firsts), self._writer
+        for number in range(max(0, bisect_right(firsts, after + 1) - 1), len(paths)):
+            if firsts[number] > until:
+                return
+            if writer is not None and paths[number] == writer.path:
+                yield from self._read_live(writer, after, until)
+            else:
+                yield from read_segment(paths[number], after, until, newest=False)
+
+    def _read_live(self, writer: SegmentWriter, after: int, until: int) -> Iterator[AnyEvent]:
+        """Read committed chunks of the newest segment, from the one that is wanted."""
+        with self._files:
+            number = max(0, bisect_right(writer.index, after + 1) - 1)
+            behind = bisect_right(writer.index, until)
+            start = writer.offsets[number]
+            end = writer.offsets[behind] if behind < len(writer.offsets) else writer.size
+            sequence = writer.index[number] - writer.first
+        with writer.path.open("rb") as file:
+            file.seek(start)
+            data = file.read(end - start)
+        tally = Tally(sequence=sequence)
+        for events in events_between(writer.path, data, 0, len(data), tally, base=start):
+            for event in events:
+                if after < event.position <= until:
+                    yield event
+
+    def close(self) -> None:
+        """Commit what is queued, finish the segment, release the folder; again does nothing."""
+        with self._filled:
+            self._closing = True
+            self._filled.notify()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+            self._lock.close()
+
+    def _run(self) -> None:
+        try:
+            while taken := self._take():
+                self._commit(taken)
+            if self._writer is not None:
+                self._writer.finish()
+        except Exception as error:  # whatever it is, nothing may be acknowledged any more
+            self._fail(error)
+
+    def _take(self) -> list[Sequence[AnyEvent]]:
+        """Wait for events; gives those of whole commands, nothing at the end."""
+        with self._filled:
+            while not self._queue and not self._closing:
+                self._filled.wait()
+            taken: list[Sequence[AnyEvent]] = []
+            count = 0
+            while self._queue and (not taken or count + len(self._queue[0]) <= CHUNK_EVENTS_MAX):
+                taken.append(self._queue.popleft())
+                count += len(taken[-1])
+            self._queued -= count
+            return taken
+
+    def _commit(self, taken: list[Sequence[AnyEvent]]) -> None:
+        written: list[AnyEvent] = []
+        for events in taken:
+            writer = self._writer_for(events[0].position)
+            writer.add(events)
+            written += events
+            if writer.pending_bytes >= CHUNK_BYTES_MAX:
+                self._sync(writer, written)
+                written = []
+        if written:
+            self._sync(self._writer_for(written[0].position), written)
+
+    def _writer_for(self, position: int) -> SegmentWriter:
+        """Give the newest segment, a new one where it is full. Never between add and commit."""
+        writer = self._writer
+        if writer is not None and (
+            writer.pending_bytes
+            or (writer.size < self._bytes_max and len(writer.index) < self._chunks_max)
+        ):
+            return writer
+        if writer is not None:
+            self._last_ns = writer.last_ns
+            self._predecessor = writer.finish()
+        made = SegmentWriter(
+            self._disk, self._directory, position, self._last_ns, self._predecessor
+        )
+        with self._files:
+            self._writer = made
+            self._paths.append(made.path)
+            self._firsts.append(position)
+        return made
+
+    def _sync(self, writer: SegmentWriter, events: Sequence[AnyEvent]) -> None:
+        writer.write()
+        with self._files:
+            writer.committed()
+            self.durable = events[-1].position
+        for listener in self._listeners:
+            listener(events)
+        with self._synced:
+            self._told = events[-1].position
+            self._synced.notify_all()
+
+    def _fail(self, error: Exception) -> None:
+        """Stop for good: after a failed sync nobody knows what the disk holds; never try again."""
+        failure = Unknown(f"the ledger stopped at position {self.durable}: {error}")
+        failure.__cause__ = error
+        log.error("ledger failed", position=self.durable, error=repr(error))
+        with self._filled:
+            self._failure = failure
+            self._queue.clear()
+            self._queued = 0
+        with self._synced:
+            self._synced.notify_all()
+        if self._writer is not None:
+            self._writer.close()
+        for report in self._reports:
+            report(failure)
+
+
+class MemoryLedger:
+    """The ledger without a disk: all is durable at once, and heard in the caller's thread."""
+
+    def __init__(self, events: Sequence[AnyEvent] = ()) -> None:
+        """Begin with events that have happened before."""
+        check_stamps(events, 0)
+        self._events: list[AnyEvent] = list(events)
+        self._listeners: list[Listener] = []
+
+    @property
+    def position(self) -> int:
+        """Newest appended."""
+        return len(self._events)
+
+    @property
+    def durable(self) -> int:
+        """The same: nothing is ever under way."""
+        return len(self._events)
+
+    def append(self, events: Sequence[AnyEvent], expected: int) -> int:
+        """Keep the events and tell the listeners before returning."""
+        check_stamps(events, expected)
+        if expected != len(self._events):
+            raise Conflict(expected, len(self._events))
+        self._events += events
+        if events:
+            for listener in self._listeners:
+                listener(events)
+        return len(self._events)
+
+    def listen(self, listener: Listener) -> None:
+        """Hear of every append from now on."""
+        self._listeners.append(listener)
+
+    def on_failure(self, report: Callable[[LedgerError], None]) -> None:
+        """Nothing can fail here."""
+
+    def read(self, after: int, until: int | None = None) -> Iterator[AnyEvent]:
+        """Events with after < position ≤ until."""
+        return iter(self._events[after:until])
+
+    def wait(self, position: int, timeout_s: float) -> bool:
+        """Nothing to wait for."""
+        return position <= len(self._events)
+
+    def close(self) -> None:
+        """Nothing to finish."""
