@@ -1,0 +1,227 @@
+"""The state at some positions, kept beside the ledger to save folding from the beginning.
+
+A cache: one that is damaged, of another shape or ahead of the ledger is passed over with a log
+line, and deleting all of them changes nothing but time.
+File: one line of JSON (the head), then the Fleet as JSON in the order of its dictionaries, for that
+order is state too (answers are forgotten oldest first).
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import msgspec
+import structlog
+
+from ledger.disk import DRAFT, Disk, write_file
+from ledger.events import AnyEvent
+from ledger.evolve import evolve
+from ledger.scan import read_folder
+from ledger.scene import Value
+from ledger.state import STATE_VERSION, Fleet
+
+SUFFIX = ".snapshot"
+EVENTS_APART = 25_000  # restoring any moment then folds at most as many, if enough are kept
+KEPT_MAX = 64
+HEAD_BYTES_MAX = 4096
+
+log = structlog.get_logger()
+
+Read = Callable[[int, int | None], Iterator[AnyEvent]]  # after, until
+
+
+class Head(Value, frozen=True, kw_only=True):
+    """First line of a snapshot."""
+
+    format: str
+    state_version: int
+    shape: str  # of the state's types: catches a change that forgot to raise the version
+    position: int
+    at_ms: int
+    size: int
+    sha256: str
+
+
+FORMAT = "fleetledger-snapshot-1"
+
+
+class Unusable(Exception):
+    """Why a snapshot cannot be used; never leaves this module's callers as a failure."""
+
+
+@cache
+def shape() -> str:
+    """Fingerprint of the state's types, names and defaults."""
+    schema = msgspec.json.encode(msgspec.json.schema(Fleet), order="deterministic")
+    return hashlib.sha256(schema).hexdigest()[:16]
+
+
+def to_bytes(fleet: Fleet) -> bytes:
+    """Head and state as one file's content."""
+    body = msgspec.json.encode(fleet)
+    head = Head(
+        format=FORMAT,
+        state_version=STATE_VERSION,
+        shape=shape(),
+        position=fleet.position,
+        at_ms=fleet.at_ms,
+        size=len(body),
+        sha256=hashlib.sha256(body).hexdigest(),
+    )
+    return msgspec.json.encode(head) + b"\n" + body
+
+
+def head_of(line: bytes) -> Head:
+    """Read a head; raises Unusable."""
+    try:
+        head = msgspec.json.decode(line, type=Head)
+    except msgspec.MsgspecError as error:
+        raise Unusable(f"its first line is not a head: {error}") from error
+    if head.format != FORMAT:
+        raise Unusable(f"its format is {head.format}")
+    return head
+
+
+def check(raw: bytes) -> tuple[Head, bytes]:
+    """Check size and hash; gives head and body, or raises Unusable."""
+    line, _, body = raw.partition(b"\n")
+    head = head_of(line)
+    if len(body) != head.size or hashlib.sha256(body).hexdigest() != head.sha256:
+        raise Unusable("its checksum is wrong")
+    return head, body
+
+
+def load(path: Path) -> Fleet:
+    """Read a snapshot; raises Unusable, for another version's too."""
+    try:
+        head, body = check(path.read_bytes())
+    except OSError as error:
+        raise Unusable(str(error)) from error
+    if (head.state_version, head.shape) != (STATE_VERSION, shape()):
+        raise Unusable(f"its state has version {head.state_version} and shape {head.shape}")
+    try:
+        fleet = msgspec.json.decode(body, type=Fleet)
+    except msgspec.MsgspecError as error:
+        raise Unusable(f"its state cannot be read: {error}") from error
+    if (fleet.position, fleet.at_ms) != (head.position, head.at_ms):
+        raise Unusable("its head is of another state")
+    return fleet
+
+
+def snapshot_paths(directory: Path) -> list[Path]:
+    """All snapshots whose name is a position, in order of position."""
+    found = (path for path in directory.glob(f"*{SUFFIX}") if path.stem.isdigit())
+    return sorted(found, key=lambda path: int(path.stem))
+
+
+def save(directory: Path, fleet: Fleet, kept_max: int = KEPT_MAX, disk: Disk | None = None) -> Path:
+    """Keep the state; hand over a copy whose position is on disk, from any thread.
+
+    Beyond `kept_max` the snapshot goes whose absence leaves the smallest gap between its
+    neighbours; the newest always stays. So moments long past stay cheap too.
+    """
+    disk = disk or Disk()
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / f"{fleet.position:020}{SUFFIX}"
+    if path.exists():
+        return path
+    path.with_name(path.name + DRAFT).unlink(missing_ok=True)
+    disk.close(write_file(disk, path, to_bytes(fleet)))
+    _thin(directory, kept_max)
+    return path
+
+
+def _thin(directory: Path, kept_max: int) -> None:
+    paths = snapshot_paths(directory)
+    while len(paths) > kept_max:
+        positions = [0, *(int(path.stem) for path in paths)]
+        gaps = [
+            positions[n + 2] - positions[n] for n in range(len(paths) - 1)
+        ]  # left by taking away paths[n]
+        paths.pop(gaps.index(min(gaps)) if gaps else 0).unlink(missing_ok=True)
+
+
+def _head(path: Path) -> Head | None:
+    try:
+        with path.open("rb") as file:
+            return head_of(file.readline(HEAD_BYTES_MAX))
+    except (OSError, Unusable) as error:
+        log.warning("snapshot passed over", snapshot=path.name, why=str(error))
+        return None
+
+
+def nearest(directory: Path, position: int | None = None, at_ms: int | None = None) -> Fleet:
+    """Newest usable snapshot at or before a moment; an empty fleet if there is none."""
+    for path in reversed(snapshot_paths(directory)):
+        if position is not None and int(path.stem) > position:
+            continue
+        if at_ms is not None:
+            head = _head(path)
+            if head is None or head.at_ms > at_ms:
+                continue
+        try:
+            return load(path)
+        except Unusable as error:
+            log.warning("snapshot passed over", snapshot=path.name, why=str(error))
+    return Fleet()
+
+
+def restore(
+    ledger_dir: Path,
+    snapshots_dir: Path,
+    *,
+    position: int | None = None,
+    at_ms: int | None = None,
+    read: Read | None = None,
+) -> Fleet:
+    """State right after a position, or after all events up to an instant; the newest if neither.
+
+    Where the ledger is open in this process, hand over its `read`: it shows only what is durable.
+    Otherwise the files are read as they are. A moment after the newest event gives the newest
+    state; instants rely on event times never going back.
+    """
+    return restore_from(read or _reader(ledger_dir), snapshots_dir, position=position, at_ms=at_ms)
+
+
+def _reader(ledger_dir: Path) -> Read:
+    def read(after: int, until: int | None) -> Iterator[AnyEvent]:
+        return read_folder(ledger_dir, after, until)
+
+    return read
+
+
+def restore_from(
+    read: Read, snapshots_dir: Path, *, position: int | None = None, at_ms: int | None = None
+) -> Fleet:
+    """As `restore`, for events from anywhere."""
+    fleet = nearest(snapshots_dir, position, at_ms)
+    if fleet.position and next(read(fleet.position - 1, fleet.position), None) is None:
+        why = "the ledger ends before it"
+        log.error("snapshots passed over", position=fleet.position, why=why)
+        fleet = Fleet()
+    for event in read(fleet.position, position):
+        if at_ms is not None and event.at_ms > at_ms:
+            break
+        evolve(fleet, event)
+    return fleet
+
+
+class Snapshotter:
+    """Says when the next snapshot is due; the owner of the fleet saves a copy where it likes."""
+
+    def __init__(self, directory: Path, events_apart: int = EVENTS_APART) -> None:
+        """Go on from the snapshots that are there."""
+        self._directory = directory
+        self._apart = events_apart
+        paths = snapshot_paths(directory)
+        self._newest = int(paths[-1].stem) if paths else 0
+
+    def due(self, position: int) -> bool:
+        """Whether enough has happened since the newest one."""
+        return position - self._newest >= self._apart
+
+    def save(self, fleet: Fleet) -> Path:
+        """Save a copied fleet whose position is durable; call it off the thread that answers."""
+        self._newest = max(self._newest, fleet.position)
+        return save(self._directory, fleet)
