@@ -213,8 +213,11 @@ def order_after(order: Order, event: OrderEvent) -> Order:
                 steps=order.steps + steps,
                 steps_made=order.steps_made + len(steps),
                 status=status,
+                container=order.container if event.container is None else event.container,
             )
         case StepsChanged():
+            if event.container is not None:
+                order = replace(order, container=event.container)
             for change in event.changes:
                 step = replace(
                     order.steps[change.step],

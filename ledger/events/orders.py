@@ -34,6 +34,7 @@ class StepsAdded(OfOrder, frozen=True, kw_only=True):
     """Steps were appended to an unsealed order (`orders/add-steps`)."""
 
     tasks: tuple[StepTask, ...]
+    container: str | None = None  # what the order carries from now on; None = as before
 
 
 class StepChange(Value, frozen=True, kw_only=True):
@@ -47,6 +48,7 @@ class StepsChanged(OfOrder, frozen=True, kw_only=True):
     """Steps that no robot has begun got other tasks (`orders/update-steps`)."""
 
     changes: tuple[StepChange, ...]
+    container: str | None = None  # what the order carries from now on; None = as before
 
 
 class StepsDeleted(OfOrder, frozen=True, kw_only=True):
