@@ -1,0 +1,216 @@
+"""Curves, footprints and the ground they sweep, in plain arrays and shapely polygons."""
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from ledger.scene import XY, Area, Path
+
+Floats: TypeAlias = npt.NDArray[np.float64]
+Polygons: TypeAlias = npt.NDArray[np.object_]
+
+PIECE_M = 0.5  # longest piece of a path whose sweep is one cell
+SAMPLES = 10  # poses per curved piece: one each 5 cm
+# Every footprint is widened by this. It covers pose error, heading steps below SMOOTH_RAD, and
+# what sampling leaves out between poses: step² · curvature / 8 = 0.3 mm at a radius of 1 m.
+MARGIN_M = 0.05
+SMOOTH_RAD = 0.05  # a smaller change of heading is driven through without a turn in place
+LENGTH_M_MIN = 1e-3  # shorter paths lead nowhere and are left out
+_GRID = 256  # chords by which the length of a curve is measured
+_DISC_SIDES = 24
+
+
+def wrap(angle_rad: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return (angle_rad + math.pi) % (2 * math.pi) - math.pi
+
+
+def turn_rad(start_rad: float, end_rad: float) -> float:
+    """How far to turn, the shorter way; 0 where it is driven through without a turn in place."""
+    angle = abs(wrap(end_rad - start_rad))
+    return angle if angle > SMOOTH_RAD else 0.0
+
+
+def bezier(controls: Floats, t: Floats) -> tuple[Floats, Floats]:
+    """Positions and derivatives of one curve of any degree by de Casteljau; (n, 2) each."""
+    level = np.repeat(controls[None, :, :], len(t), axis=0)  # (n, k, 2)
+    share = t[:, None, None]
+    while level.shape[1] > 2:
+        level = level[:, :-1] * (1 - share) + level[:, 1:] * share
+    step = (level[:, 1] - level[:, 0]) * (controls.shape[0] - 1)
+    return level[:, 0] * (1 - t[:, None]) + level[:, 1] * t[:, None], step
+
+
+def headings_along(xy: Floats, steps: Floats) -> Floats:
+    """Tangents; where the derivative vanishes, the chord between the neighbours."""
+    chords = np.empty_like(xy)
+    chords[1:-1] = xy[2:] - xy[:-2]
+    chords[0] = xy[1] - xy[0]
+    chords[-1] = xy[-1] - xy[-2]
+    flat = np.hypot(steps[:, 0], steps[:, 1]) < 1e-6
+    steps = np.where(flat[:, None], chords, steps)
+    angles: Floats = np.arctan2(steps[:, 1], steps[:, 0])
+    return angles
+
+
+def poses_along(controls: Sequence[XY], count: int, backward: bool) -> tuple[float, Floats]:
+    """Length in metres, and `count` poses at equal distances, both ends included: (count, 3)."""
+    ends = np.asarray(controls, dtype=np.float64)
+    grid = np.linspace(0.0, 1.0, _GRID + 1)
+    xy, _ = bezier(ends, grid)
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*(xy[1:] - xy[:-1]).T))))
+    t = np.interp(np.linspace(0.0, along[-1], count), along, grid)
+    xy, steps = bezier(ends, t)
+    poses = np.column_stack((xy, headings_along(xy, steps) + (math.pi if backward else 0.0)))
+    return float(along[-1]), poses
+
+
+def is_straight(controls: Sequence[XY]) -> bool:
+    """True if the curve does not leave its chord by 1 mm."""
+    (x0, y0), (x1, y1) = controls[0], controls[-1]
+    length = math.hypot(x1 - x0, y1 - y0)
+    if length < LENGTH_M_MIN:
+        return False
+    ux, uy = (x1 - x0) / length, (y1 - y0) / length
+    last = 0.0
+    for x, y in controls[1:-1]:
+        along, aside = (x - x0) * ux + (y - y0) * uy, (y - y0) * ux - (x - x0) * uy
+        if abs(aside) > 1e-3 or along < last - 1e-9 or along > length:
+            return False
+        last = along
+    return True
+
+
+def cut_front(controls: Sequence[XY], along_m: float) -> tuple[XY, ...]:
+    """Control points of what is left of a curve behind its first `along_m` metres."""
+    ends = np.asarray(controls, dtype=np.float64)
+    grid = np.linspace(0.0, 1.0, _GRID + 1)
+    xy, _ = bezier(ends, grid)
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*(xy[1:] - xy[:-1]).T))))
+    t = float(np.interp(along_m, along, grid))
+    rest = [tuple(ends[-1].tolist())]
+    level = ends
+    while len(level) > 1:
+        level = level[:-1] * (1 - t) + level[1:] * t
+        rest.append(tuple(level[-1].tolist()))
+    return tuple(reversed(rest))
+
+
+class Traces(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """All paths of an area as poses, cut into pieces of equal length."""
+
+    curves: list[tuple[XY, ...]]  # control points, both ends included
+    length_m: list[float]
+    first: list[int]  # paths + 1: pieces of path p are first[p] .. first[p + 1]
+    heading_start: list[float]  # of the body: tangent, turned by pi on backward paths
+    heading_end: list[float]
+    straight: tuple[npt.NDArray[np.int64], Floats]  # piece numbers and their poses (n, 2, 3)
+    curved: tuple[npt.NDArray[np.int64], Floats]  # the same with (n, SAMPLES + 1, 3)
+
+
+def curve_of(area: Area, path: Path) -> tuple[XY, ...]:
+    """All control points of a path of this area."""
+    ends = {point.name: (point.x_m, point.y_m) for point in area.points}
+    return (ends[path.start], *path.controls, ends[path.end])
+
+
+def trace(curves: Sequence[tuple[XY, ...]], backward: Sequence[bool]) -> Traces:
+    """Sample every path; straight pieces need their two end poses only, for a hull is exact."""
+    lengths, first, starts, ends = [], [0], [], []
+    straight: tuple[list[int], list[Floats]] = ([], [])
+    curved: tuple[list[int], list[Floats]] = ([], [])
+    for controls, reverse in zip(curves, backward, strict=True):
+        flip = math.pi if reverse else 0.0
+        plain = is_straight(controls)
+        if plain:
+            (x0, y0), (x1, y1) = controls[0], controls[-1]
+            length, angle = math.hypot(x1 - x0, y1 - y0), math.atan2(y1 - y0, x1 - x0) + flip
+            count = max(1, math.ceil(length / PIECE_M - 1e-9))
+            poses = np.linspace((x0, y0, angle), (x1, y1, angle), count + 1)
+        else:
+            length, _ = poses_along(controls, 2, reverse)
+            count = max(1, math.ceil(length / PIECE_M - 1e-9))
+            length, poses = poses_along(controls, count * SAMPLES + 1, reverse)
+        step, (numbers, kept) = (1, straight) if plain else (SAMPLES, curved)
+        for k in range(count):
+            numbers.append(first[-1] + k)
+            kept.append(poses[k * step : (k + 1) * step + 1])
+        lengths.append(length)
+        first.append(first[-1] + count)
+        starts.append(wrap(float(poses[0, 2])))
+        ends.append(wrap(float(poses[-1, 2])))
+    return Traces(
+        curves=list(curves),
+        length_m=lengths,
+        first=first,
+        heading_start=starts,
+        heading_end=ends,
+        straight=_stack(straight, 2),
+        curved=_stack(curved, SAMPLES + 1),
+    )
+
+
+def _stack(
+    found: tuple[list[int], list[Floats]], samples: int
+) -> tuple[npt.NDArray[np.int64], Floats]:
+    numbers, poses = found
+    return (
+        np.asarray(numbers, dtype=np.int64),
+        np.asarray(poses, dtype=np.float64).reshape(-1, samples, 3),
+    )
+
+
+def widened(footprint: Sequence[XY], margin_m: float = MARGIN_M) -> Floats:
+    """Corners of the footprint's convex hull, moved outwards by a margin; (n, 2), metres."""
+    hull = shapely.convex_hull(shapely.multipoints(np.asarray(footprint, dtype=np.float64)))
+    wide = shapely.buffer(hull, margin_m, join_style="mitre", mitre_limit=2.0)
+    corners: Floats = shapely.get_coordinates(wide)[:-1]
+    return corners
+
+
+def placed(corners: Floats, poses: Floats) -> Floats:
+    """Corners of a body at each pose: (n, 3) -> (n, corners, 2)."""
+    cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x, y = corners[None, :, 0], corners[None, :, 1]
+    return np.stack(
+        (poses[:, 0, None] + cos * x - sin * y, poses[:, 1, None] + sin * x + cos * y), axis=-1
+    )
+
+
+def body_at(corners: Floats, x_m: float, y_m: float, heading_rad: float) -> shapely.Polygon:
+    """The polygon of a body at one pose."""
+    return shapely.Polygon(placed(corners, np.array([[x_m, y_m, heading_rad]]))[0])
+
+
+def sweeps(traces: Traces, corners: Floats) -> Polygons:
+    """One polygon per piece: the convex hull of the body at all its poses.
+
+    While the reference point is inside the piece, the body is inside this polygon.
+    """
+    cells = np.empty(traces.first[-1], dtype=object)
+    for numbers, poses in (traces.straight, traces.curved):
+        if len(numbers):
+            count, samples, _ = poses.shape
+            corner_xy = placed(corners, poses.reshape(-1, 3)).reshape(count, -1, 2)
+            cells[numbers] = shapely.convex_hull(shapely.linestrings(corner_xy))
+    return cells
+
+
+def discs(corners: Floats, xy: Floats) -> Polygons:
+    """The ground swept by a turn in place at each point: a polygon around the circle."""
+    radius = float(np.hypot(corners[:, 0], corners[:, 1]).max()) / math.cos(math.pi / _DISC_SIDES)
+    angles = np.arange(_DISC_SIDES) * (2 * math.pi / _DISC_SIDES)
+    ring = radius * np.column_stack((np.cos(angles), np.sin(angles)))
+    polygons: Polygons = shapely.polygons(xy[:, None, :] + ring[None, :, :])
+    return polygons
+
+
+def hull_at(corners: Floats, xy: XY, headings: Sequence[float]) -> shapely.Polygon:
+    """Hull of a body on one point under several headings."""
+    poses = np.array([[xy[0], xy[1], heading] for heading in headings])
+    return shapely.convex_hull(shapely.multipoints(placed(corners, poses).reshape(-1, 2)))

@@ -1,0 +1,101 @@
+"""An area as numbered points and paths: the form that everything below the names works on."""
+
+import heapq
+
+import msgspec
+
+from ledger.ids import PointName
+from ledger.scene import Area, Path, Point, PointKind
+from scheduler.traffic.geometry import LENGTH_M_MIN, SMOOTH_RAD, Traces, is_straight, trace, wrap
+
+GOAL_KINDS = frozenset({PointKind.ACTION, PointKind.PARKING, PointKind.CHARGING})
+
+
+class Network(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Points and usable paths of one area in the order of the file."""
+
+    points: list[Point]
+    number: dict[PointName, int]
+    paths: list[Path]  # both ends known, and longer than 1 mm
+    start: list[int]
+    end: list[int]
+    out: list[list[int]]  # point -> paths that begin there
+    traces: Traces
+    headings: list[list[float]]  # per point: of bodies arriving, leaving, or as demanded
+    neighbours: list[set[int]]  # either direction
+    goals: frozenset[int]  # points where something is done: by kind, or because a bin is there
+
+
+def network(area: Area) -> Network:
+    """Number an area; paths with an unknown end or no length are left out (see `check`)."""
+    points = list(area.points)
+    number = {point.name: k for k, point in enumerate(points)}
+    paths, curves = [], []
+    for path in area.paths:
+        if path.start in number and path.end in number:
+            first, last = points[number[path.start]], points[number[path.end]]
+            curve = ((first.x_m, first.y_m), *path.controls, (last.x_m, last.y_m))
+            if is_straight(curve) or _extent_m(curve) > LENGTH_M_MIN:
+                paths.append(path)
+                curves.append(curve)
+    traces = trace(curves, [path.backward for path in paths])
+    start = [number[path.start] for path in paths]
+    end = [number[path.end] for path in paths]
+    out: list[list[int]] = [[] for _ in points]
+    neighbours: list[set[int]] = [set() for _ in points]
+    headings: list[list[float]] = [[] for _ in points]
+    for k, (a, b) in enumerate(zip(start, end, strict=True)):
+        out[a].append(k)
+        neighbours[a].add(b)
+        neighbours[b].add(a)
+        _note(headings[a], traces.heading_start[k])
+        _note(headings[b], traces.heading_end[k])
+    for k, point in enumerate(points):
+        if point.heading_rad is not None and point.turning:
+            _note(headings[k], point.heading_rad)
+    binned = {bin.point for bin in area.bins}
+    goals = frozenset(
+        k for k, point in enumerate(points) if point.kind in GOAL_KINDS or point.name in binned
+    )
+    return Network(
+        points=points,
+        number=number,
+        paths=paths,
+        start=start,
+        end=end,
+        out=out,
+        traces=traces,
+        headings=headings,
+        neighbours=neighbours,
+        goals=goals,
+    )
+
+
+def _extent_m(curve: tuple[tuple[float, float], ...]) -> float:
+    xs, ys = [xy[0] for xy in curve], [xy[1] for xy in curve]
+    return max(max(xs) - min(xs), max(ys) - min(ys))
+
+
+def _note(known: list[float], heading: float) -> None:
+    if all(abs(wrap(heading - other)) > SMOOTH_RAD / 10 for other in known):
+        known.append(heading)
+
+
+def junction_distances(net: Network) -> tuple[set[int], list[float]]:
+    """Points with three neighbours or more, and each point's way to the nearest of them, metres."""
+    junctions = {k for k, near in enumerate(net.neighbours) if len(near) > 2}
+    around: list[dict[int, float]] = [{} for _ in net.points]
+    for k, length in enumerate(net.traces.length_m):
+        a, b = net.start[k], net.end[k]
+        for here, there in ((a, b), (b, a)):
+            around[here][there] = min(length, around[here].get(there, length))
+    far = [float("inf")] * len(net.points)
+    heap = [(0.0, k) for k in sorted(junctions)]
+    while heap:
+        way, point = heapq.heappop(heap)
+        if way < far[point]:
+            far[point] = way
+            for other, length in around[point].items():
+                if way + length < far[other]:
+                    heapq.heappush(heap, (way + length, other))
+    return junctions, far
