@@ -1,0 +1,190 @@
+"""The simulator's role on the bus: its robots connect, listen and report exactly as real ones do.
+
+A robot reports ten times a second while anything about it changes, and once a second at rest.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+import structlog
+
+from ledger.bus import Bus, alive_key, report_key, tell_key
+from ledger.events import AnyEvent
+from ledger.events.robots import OfRobot
+from ledger.events.scenes import SceneImported, SceneMapReplaced
+from ledger.evolve import evolve
+from ledger.ids import RobotKey, SceneId
+from ledger.link import ToRobot
+from ledger.state import Fleet, Robot
+from sim.world import World
+
+log = structlog.get_logger()
+
+REPORT_MS = 100
+REST_REPORT_MS = 1_000
+CATCH_UP_MS_MAX = 60_000  # longer gaps (a suspended machine) are not simulated
+NO_ROOM_RETRY_MS = 10_000
+INBOX_MAX = 20_000  # messages between two ticks; the oldest are lost beyond it
+
+
+class Follower(Protocol):
+    """The feed of events, as `ledger.feed.FeedFollower` gives it."""
+
+    def start(self) -> Fleet:
+        """Begin to follow, and give the state to evolve from."""
+
+    def drain(self) -> Sequence[AnyEvent]:
+        """Give the events since, in order and without a gap."""
+
+
+class SimRole:
+    """Keeps a world in step with the simulated, enabled robots of the fleet.
+
+    With a `memory` path the world is saved before its reports go out, so that nobody has ever
+    heard of a progress that a killed simulator does not remember: ground given up stays given up.
+    The file outlives the process, not a power cut; then, as without it, robots are placed anew.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        follower: Follower,
+        world: World,
+        *,
+        memory: Path | None = None,
+        report_ms: int = REPORT_MS,
+    ) -> None:
+        self._bus = bus
+        self._follower = follower
+        self._world = world
+        self._memory = memory
+        self._report_ms = report_ms
+        self._fleet = Fleet()
+        self._inbox: deque[tuple[SceneId, bytes]] = deque(
+            maxlen=INBOX_MAX
+        )  # foreign threads append
+        self._heard: set[RobotKey] = set()  # keys subscribed to, for ever
+        self._tokens: dict[RobotKey, Callable[[], None]] = {}
+        self._refused: set[RobotKey] = set()  # there was no room for them
+        self._retry_ms = 0
+        self._now_ms: int | None = None
+        self._report_due_ms = 0
+        self._rest_report_due_ms = 0
+        self._decoder: msgspec.json.Decoder[ToRobot] = msgspec.json.Decoder(ToRobot)
+        self._encoder = msgspec.json.Encoder()
+
+    def start(self, now_ms: int) -> None:
+        """Remember the last run, and connect the robots that the fleet has."""
+        self._now_ms = now_ms
+        if self._memory is not None and self._memory.exists():
+            try:
+                self._world.load(self._memory.read_bytes())
+            except (msgspec.DecodeError, ValueError) as error:
+                log.warning("simulated robots are placed anew", reason=str(error))
+        self._fleet = self._follower.start()
+        self._connect(now_ms)
+
+    def tick(self, now_ms: int) -> None:
+        """Hear, let time pass up to now, and report. Call it as often as smoothness is wanted."""
+        if self._now_ms is None:
+            self.start(now_ms)
+        self._follow(now_ms)
+        self._hear()
+        dt_ms = min(now_ms - (self._now_ms or 0), CATCH_UP_MS_MAX)
+        if dt_ms > 0:
+            self._world.step(dt_ms / 1000)
+            self._now_ms = now_ms
+        if now_ms >= self._report_due_ms:
+            self._report_due_ms = now_ms - now_ms % self._report_ms + self._report_ms
+            self._report(now_ms)
+
+    def close(self) -> None:
+        """Disconnect all robots, and save where they are."""
+        if self._memory is not None and self._now_ms is not None:
+            self._save(self._memory)
+        for let_go in self._tokens.values():
+            let_go()
+        self._tokens.clear()
+
+    def _follow(self, now_ms: int) -> None:
+        robots_changed = False
+        remapped: set[SceneId] = set()
+        for event in self._follower.drain():
+            evolve(self._fleet, event)
+            if isinstance(event, SceneImported | SceneMapReplaced):
+                remapped.add(event.scene)
+            robots_changed |= isinstance(event, OfRobot)
+        for robot in self._wanted().values():
+            if robot.scene in remapped:
+                scene = self._fleet.scenes[robot.scene]
+                if not self._world.remap(scene, robot.config, now_ms):
+                    log.warning("no room for a simulated robot", robot=robot.name, scene=scene.id)
+        if robots_changed or remapped or (self._refused and now_ms >= self._retry_ms):
+            self._connect(now_ms)
+
+    def _wanted(self) -> dict[RobotKey, Robot]:
+        return {
+            key: robot
+            for key, robot in self._fleet.robots.items()
+            if robot.config.simulated
+            and not robot.config.disabled
+            and not self._fleet.scenes[robot.scene].disabled
+        }
+
+    def _connect(self, now_ms: int) -> None:
+        wanted = self._wanted()
+        for key in [key for key in self._tokens if key not in wanted or key not in self._world]:
+            self._tokens.pop(key)()
+            if key not in wanted:
+                self._world.remove(key)
+        self._refused &= wanted.keys()
+        missing = [key for key in wanted if key not in self._tokens]
+        for key in sorted(missing, key=lambda k: not self._world.remembers(k)):
+            robot = wanted[key]
+            if self._world.add(self._fleet.scenes[robot.scene], robot.config, now_ms):
+                self._refused.discard(key)
+                self._listen(key, robot)
+            elif key not in self._refused:
+                self._refused.add(key)
+                log.warning("no room for a simulated robot", robot=robot.name, scene=robot.scene)
+        self._retry_ms = now_ms + NO_ROOM_RETRY_MS
+
+    def _listen(self, key: RobotKey, robot: Robot) -> None:
+        scene = robot.scene
+        if key not in self._heard:
+            self._heard.add(key)
+            self._bus.subscribe(
+                tell_key(scene, robot.name),
+                lambda _, payload: self._inbox.append((scene, payload)),
+            )
+        self._tokens[key] = self._bus.live(alive_key(scene, robot.name))
+
+    def _hear(self) -> None:
+        for _ in range(len(self._inbox)):
+            scene, payload = self._inbox.popleft()
+            try:
+                message = self._decoder.decode(payload)
+            except msgspec.DecodeError as error:
+                log.warning("a robot was told nonsense", scene=scene, reason=str(error))
+                continue
+            self._world.tell(scene, message)
+
+    def _report(self, now_ms: int) -> None:
+        everybody = now_ms >= self._rest_report_due_ms
+        if everybody:
+            self._rest_report_due_ms = now_ms - now_ms % REST_REPORT_MS + REST_REPORT_MS
+        reports = self._world.reports(now_ms, changed_only=not everybody)
+        if reports and self._memory is not None:
+            self._save(self._memory)
+        for report in reports:
+            key = report_key(report.scene, report.robot)
+            self._bus.publish(key, self._encoder.encode(report))
+
+    def _save(self, memory: Path) -> None:
+        """Replace the file whole; a kill in between leaves the one before."""
+        new = memory.with_suffix(".new")
+        new.write_bytes(self._world.save())
+        new.replace(memory)

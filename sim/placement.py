@@ -1,0 +1,121 @@
+"""Where a simulated robot begins: off the lanes if it can, and clear of everybody else."""
+
+from collections.abc import Iterable, Iterator
+from math import atan2, hypot, pi
+
+from ledger.ids import PointName
+from ledger.scene import XY, Area, Group, Path, Point, PointKind, Value
+from sim.robot import SimRobot, place
+
+CLEARANCE_M = 0.05
+ROUTE_SAMPLE_M = 0.25  # a route that has been granted is kept clear too
+_ORDER = {
+    PointKind.PARKING: 0,
+    PointKind.CHARGING: 1,
+    PointKind.ACTION: 2,
+    PointKind.WAYPOINT: 3,
+}
+
+
+class Place(Value, frozen=True, kw_only=True):
+    """A point to stand on, and how."""
+
+    area: Area
+    point: PointName
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+class Ground:
+    """An area as a place to put robots on: an index, built once a map."""
+
+    def __init__(self, area: Area) -> None:
+        self.area = area
+        self.points = {point.name: point for point in area.points}
+        self.chargers = frozenset(p.name for p in area.points if p.kind is PointKind.CHARGING)
+        self._leaving: dict[PointName, Path] = {}
+        for path in area.paths:
+            self._leaving.setdefault(path.start, path)
+
+    def places(self) -> Iterator[Place]:
+        """Give the points from which a robot can drive on, the best first, else in map order."""
+        for point in sorted(self.area.points, key=lambda p: _ORDER[p.kind]):
+            if point.name in self._leaving:
+                yield self.place(point)
+
+    def place(self, point: Point) -> Place:
+        """Stand as the map demands it, or else ready to drive out."""
+        heading = point.heading_rad
+        if heading is None:
+            heading = self._heading(point)
+        return Place(
+            area=self.area,
+            point=point.name,
+            x_m=point.x_m,
+            y_m=point.y_m,
+            heading_rad=heading,
+        )
+
+    def _heading(self, point: Point) -> float:
+        path = self._leaving.get(point.name)
+        end = self.points.get(path.end) if path is not None else None
+        if path is None or end is None:
+            return 0.0
+        for x, y in (*path.controls, (end.x_m, end.y_m)):
+            if hypot(x - point.x_m, y - point.y_m) > 1e-6:
+                heading = atan2(y - point.y_m, x - point.x_m)
+                return heading - pi if path.backward else heading
+        return 0.0
+
+
+def radius_m(group: Group) -> float:
+    """Give the circle round the reference point that holds the footprint at any heading."""
+    return max((hypot(x, y) for x, y in group.footprint), default=0.0)
+
+
+def taken(robot: SimRobot) -> Iterator[XY]:
+    """Give where a robot stands, and points along the way that it may still drive."""
+    x, y, _, _ = place(robot)
+    yield x, y
+    for leg in robot.legs:
+        yield leg.piece.curve[-1]
+        if leg.track is None:
+            continue
+        reached_m = -ROUTE_SAMPLE_M
+        table = leg.track
+        for at_m, x, y in zip(table.distances_m, table.xs_m, table.ys_m, strict=True):
+            if at_m - reached_m >= ROUTE_SAMPLE_M:
+                reached_m = at_m
+                yield x, y
+
+
+def free_place(
+    grounds: Iterable[Ground],
+    radius_m: float,
+    others: Iterable[SimRobot],
+    preferred: PointName | None = None,
+) -> Place | None:
+    """Choose the first place whose disc is clear of all others' discs; none if there is no room."""
+    obstacles: dict[int, list[tuple[float, float, float]]] = {}
+    for robot in others:
+        reach_m = robot.body.radius_m + radius_m + CLEARANCE_M
+        obstacles.setdefault(robot.body.area, []).extend((x, y, reach_m) for x, y in taken(robot))
+    known = list(grounds)
+    if preferred is not None:
+        for ground in known:
+            point = ground.points.get(preferred)
+            if point is not None and _clear(ground.place(point), obstacles):
+                return ground.place(point)
+    for ground in known:
+        for candidate in ground.places():
+            if _clear(candidate, obstacles):
+                return candidate
+    return None
+
+
+def _clear(place: Place, obstacles: dict[int, list[tuple[float, float, float]]]) -> bool:
+    return all(
+        hypot(x - place.x_m, y - place.y_m) >= reach_m
+        for x, y, reach_m in obstacles.get(place.area.id, ())
+    )

@@ -1,0 +1,218 @@
+"""All simulated robots together: who is there, time passing, what they say, and their memory."""
+
+import random
+from math import ceil
+
+import msgspec
+
+from ledger.ids import RobotKey, RobotName, SceneId, robot_key
+from ledger.link import Act, Cancel, Drive, Report, TellRoute, ToRobot
+from ledger.scene import Group, RobotConfig, Scene, Value
+from sim.actions import CHARGE
+from sim.placement import Ground, Place, free_place, radius_m
+from sim.reporting import report
+from sim.robot import Body, SimRobot, drive, settle, stands_on, step
+from sim.saving import SAVED_VERSION, SavedRobot, SavedWorld, restored, saved
+
+STEP_S_MAX = 0.2  # longer ones are cut: speed changes evenly within one
+BATTERY_RATIO_MIN = 0.6  # of a new robot; they differ, so that not all charge at once
+
+
+class Disturbance(Value, frozen=True, kw_only=True):
+    """Delays as real robots have them: at a new move, perhaps, stand still for a while."""
+
+    probability: float = 0.0
+    mean_s: float = 6.0
+
+
+class World:
+    """Holds the robots. Deterministic: the same calls with the same seed give the same bytes."""
+
+    def __init__(self, rng: random.Random, disturbance: Disturbance | None = None) -> None:
+        self._rng = rng
+        self._disturbance = disturbance if disturbance and disturbance.probability > 0 else None
+        self._elapsed_s = 0.0
+        self._robots: dict[RobotKey, SimRobot] = {}
+        self._grounds: dict[tuple[SceneId, int], Ground] = {}
+        self._remembered: dict[RobotKey, SavedRobot] = {}
+
+    def __contains__(self, key: RobotKey) -> bool:
+        return key in self._robots
+
+    def __len__(self) -> int:
+        return len(self._robots)
+
+    def remembers(self, key: RobotKey) -> bool:
+        """Tell whether a loaded memory waits for this robot; add such robots before others."""
+        return key in self._remembered
+
+    def add(self, scene: Scene, config: RobotConfig, at_ms: int) -> bool:
+        """Put a robot where it was, or on a free place; False if there is no room for it."""
+        key = robot_key(scene.id, config.name)
+        if key in self._robots:
+            return True
+        memory = self._remembered.pop(key, None)
+        grounds = self._grounds_of(scene)
+        group = _group(scene, config)
+        if memory is not None:
+            for ground in grounds:
+                if (memory.area, memory.map_digest) == (ground.area.id, ground.area.map_digest):
+                    body = _body(scene, config, group, ground)
+                    self._robots[key] = restored(body, memory)
+                    return True
+        others = [r for r in self._robots.values() if r.body.scene == scene.id]
+        preferred = memory.point if memory is not None else None
+        found = free_place(grounds, radius_m(group), others, preferred)
+        if found is None:
+            return False
+        self._robots[key] = self._new_robot(scene, config, found, at_ms)
+        return True
+
+    def _new_robot(self, scene: Scene, config: RobotConfig, place: Place, at_ms: int) -> SimRobot:
+        ground = self._grounds[scene.id, place.area.id]
+        body = _body(scene, config, _group(scene, config), ground)
+        # the time is in it because chance repeats itself after a restart with the same seed
+        session = f"{at_ms:x}-{self._rng.getrandbits(32):08x}"
+        robot = SimRobot(body, session, (place.x_m, place.y_m, place.heading_rad))
+        robot.point = place.point
+        robot.battery = self._rng.uniform(BATTERY_RATIO_MIN, 1.0)
+        robot.settled_s = self._elapsed_s
+        return robot
+
+    def _grounds_of(self, scene: Scene) -> list[Ground]:
+        grounds = []
+        for area in scene.areas:
+            if area.disabled:
+                continue
+            ground = self._grounds.get((scene.id, area.id))
+            if ground is None or ground.area is not area:
+                ground = self._grounds[scene.id, area.id] = Ground(area)
+            grounds.append(ground)
+        return grounds
+
+    def remove(self, key: RobotKey) -> None:
+        """Take a robot away, memory and all."""
+        self._robots.pop(key, None)
+        self._remembered.pop(key, None)
+
+    def remap(self, scene: Scene, config: RobotConfig, at_ms: int) -> bool:
+        """Go over to a changed scene.
+
+        On a changed map a robot keeps its point if that is still there, but forgets its route,
+        for that is of the old map; False if there is no room for it.
+        """
+        key = robot_key(scene.id, config.name)
+        robot = self._robots.get(key)
+        if robot is None:
+            return self.add(scene, config, at_ms)
+        for ground in self._grounds_of(scene):
+            if (robot.body.area, robot.body.map_digest) == (
+                ground.area.id,
+                ground.area.map_digest,
+            ):
+                robot.body = _body(scene, config, _group(scene, config), ground)
+                return True
+        del self._robots[key]
+        self._remembered[key] = saved(robot)
+        return self.add(scene, config, at_ms)
+
+    def tell(self, scene: SceneId, message: ToRobot) -> None:
+        """Hand a message to its robot; one that is not there hears nothing."""
+        robot = self._robots.get(robot_key(scene, message.robot))
+        if robot is None:
+            return
+        settle(robot, self._elapsed_s)
+        match message:
+            case Drive():
+                drive(robot, message)
+            case Act():
+                robot.actions.begin(message, problem=_problem(robot, message))
+            case Cancel():
+                robot.actions.cancel(message.id)
+            case TellRoute():
+                robot.tell_route = True
+        robot.changed = robot.awake = True
+
+    def fail_next(self, scene: SceneId, robot: RobotName, action: str) -> None:
+        """Make the next action of that name fail."""
+        self._robots[robot_key(scene, robot)].actions.failing.add(action)
+
+    def step(self, dt_s: float) -> None:
+        """Let time pass for everybody."""
+        if dt_s <= 0.0:
+            return
+        parts = ceil(dt_s / STEP_S_MAX - 1e-9)
+        part_s = dt_s / parts
+        for _ in range(parts):
+            self._elapsed_s += part_s
+            for robot in self._robots.values():
+                if robot.awake:
+                    if robot.actions.charging:
+                        settle(robot, self._elapsed_s)
+                    step(robot, part_s)
+                    if self._disturbance is not None:
+                        self._disturb(robot, self._disturbance)
+
+    def _disturb(self, robot: SimRobot, disturbance: Disturbance) -> None:
+        if robot.legs and robot.legs[0].piece.commit != robot.commit:
+            robot.commit = robot.legs[0].piece.commit
+            if self._rng.random() < disturbance.probability:
+                robot.held_s = self._rng.expovariate(1.0 / disturbance.mean_s)
+
+    def reports(self, at_ms: int, *, changed_only: bool = False) -> list[Report]:
+        """Build the reports of all robots, or of those with news since their last one."""
+        return [
+            report(robot, at_ms, self._elapsed_s)
+            for robot in self._robots.values()
+            if robot.changed or not changed_only
+        ]
+
+    def save(self) -> bytes:
+        """Take down everybody at one moment; those of whom `load` told and who are not back too."""
+        present = [saved(robot) for robot in self._robots.values()]
+        chance = self._rng.getstate() if self._disturbance is not None else None
+        return msgspec.msgpack.encode(
+            SavedWorld(
+                elapsed_s=self._elapsed_s,
+                chance=chance,
+                robots=(*present, *self._remembered.values()),
+            )
+        )
+
+    def load(self, raw: bytes) -> None:
+        """Remember; each robot goes on where it was as soon as it is added again.
+
+        Raises msgspec.DecodeError or ValueError on bytes that are not from `save`.
+        """
+        world = msgspec.msgpack.decode(raw, type=SavedWorld)
+        if world.version != SAVED_VERSION:
+            raise ValueError(f"a world of version {world.version}, not {SAVED_VERSION}")
+        self._elapsed_s = world.elapsed_s
+        if self._disturbance is not None and world.chance is not None:
+            self._rng.setstate(world.chance)
+        self._remembered = {robot_key(r.scene, r.name): r for r in world.robots}
+
+
+def _group(scene: Scene, config: RobotConfig) -> Group:
+    return next((g for g in scene.groups if g.id == config.group), Group(id=0, name="default"))
+
+
+def _body(scene: Scene, config: RobotConfig, group: Group, ground: Ground) -> Body:
+    return Body(
+        scene=scene.id,
+        name=config.name,
+        area=ground.area.id,
+        map_name=ground.area.map_name,
+        map_digest=ground.area.map_digest,
+        kinematics=group.kinematics,
+        radius_m=radius_m(group),
+        chargers=ground.chargers,
+    )
+
+
+def _problem(robot: SimRobot, act: Act) -> str | None:
+    if robot.speed > 0.0:
+        return "the robot is moving"
+    if act.name == CHARGE and stands_on(robot) not in robot.body.chargers:
+        return "there is no charger here"
+    return None
