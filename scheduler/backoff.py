@@ -1,0 +1,58 @@
+"""A proposal that changed nothing is not repeated at once, nor as often as before."""
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from ledger.ids import robot_key
+from ledger.proposals import (
+    AnyProposal,
+    AssignOrder,
+    ConnectRobot,
+    CreateSystemOrder,
+    DisconnectRobot,
+)
+from ledger.state import Fleet
+
+FIRST_MS = 1_000
+LONGEST_MS = 30_000
+REMEMBERED_MAX = 10_000
+
+Subject: TypeAlias = tuple[
+    str, str, str, int
+]  # what, of which order, with which robot, in which state
+
+
+class Backoff:
+    """Remembers proposals by what they were about and the state that it was in."""
+
+    def __init__(self) -> None:
+        self._until: dict[Subject, tuple[int, int]] = {}  # when again, and the pause after that
+
+    def fit(self, fleet: Fleet, proposals: Sequence[AnyProposal], now_ms: int) -> list[AnyProposal]:
+        """Give those that are new, or may be tried again; they count as tried from now on.
+
+        If one is accepted its subject changes, so whatever comes up next is new.
+        """
+        fit: list[AnyProposal] = []
+        for proposal in proposals:
+            subject = _subject(fleet, proposal)
+            until_ms, pause_ms = self._until.pop(subject, (now_ms, FIRST_MS))
+            if now_ms < until_ms:
+                self._until[subject] = (until_ms, pause_ms)
+                continue
+            fit.append(proposal)
+            self._until[subject] = (now_ms + pause_ms, min(2 * pause_ms, LONGEST_MS))
+        while len(self._until) > REMEMBERED_MAX:  # the least lately tried first
+            del self._until[next(iter(self._until))]
+        return fit
+
+
+def _subject(fleet: Fleet, proposal: AnyProposal) -> Subject:
+    what = type(proposal).__name__
+    if isinstance(proposal, ConnectRobot | DisconnectRobot | CreateSystemOrder):
+        robot = fleet.robots.get(robot_key(proposal.scene, proposal.robot))
+        state = 0 if robot is None else robot.idle_since_ms + robot.online
+        return (what, proposal.scene, proposal.robot, state)
+    order = fleet.orders.get(proposal.order)
+    named = proposal.robot if isinstance(proposal, AssignOrder) else ""
+    return (what, proposal.order, named, -1 if order is None else order.version)

@@ -1,0 +1,67 @@
+"""Which of its orders a robot is at, and which step: it follows from the orders alone."""
+
+from collections.abc import Sequence
+
+from ledger.scene import Value
+from ledger.state import Order, Step, StepStatus
+
+_OPEN = frozenset({StepStatus.EXECUTABLE, StepStatus.EXECUTING})
+
+
+class Current(Value, frozen=True, kw_only=True):
+    """The step that a robot is at, or would begin next."""
+
+    order: Order
+    index: int
+
+    @property
+    def step(self) -> Step:
+        """The step itself."""
+        return self.order.steps[self.index]
+
+    @property
+    def begun(self) -> bool:
+        """The robot has set out for it."""
+        return self.step.status is StepStatus.EXECUTING
+
+    @property
+    def attempt(self) -> str:
+        """Id of the step's action: a retry after a fault is another action, a repetition is not."""
+        failures = self.order.fault_count
+        return f"{self.step.id}#{failures}" if failures else str(self.step.id)
+
+
+def next_step(order: Order) -> int | None:
+    """Give the first step that is not done."""
+    for index, step in enumerate(order.steps):
+        if step.status in _OPEN:
+            return index
+    return None
+
+
+def kept_order(orders: Sequence[Order]) -> Order | None:
+    """Find the order that the next step must be of (spec/m4.md, nextStepSameOrder)."""
+    for order in orders:
+        if (
+            0 <= order.done_step < len(order.steps)
+            and order.steps[order.done_step].task.keeps_robot
+        ):
+            return order
+    return None
+
+
+def current(orders: Sequence[Order]) -> Current | None:
+    """Choose the step of a robot with these orders: begun, then bound, then loading before others.
+
+    A bound robot whose order has no further step yet waits for one and does nothing else.
+    """
+    open_steps = [(order, next_step(order)) for order in orders]
+    known = [Current(order=o, index=i) for o, i in open_steps if i is not None]
+    for candidate in known:
+        if candidate.begun:
+            return candidate
+    kept = kept_order(orders)
+    if kept is not None:
+        return next((c for c in known if c.order is kept), None)
+    loading = [c for c in known if c.step.task.loads]
+    return next(iter(loading or known), None)

@@ -1,0 +1,123 @@
+"""Phase *continue*: robots begin, finish and fail the steps of the orders they have."""
+
+from ledger.ids import RobotName
+from ledger.link import ActionPhase
+from ledger.proposals import (
+    AnyProposal,
+    FaultOrder,
+    FinishStep,
+    RejectExecution,
+    StartStep,
+    WithdrawOrder,
+)
+from ledger.state import OrderKind
+from scheduler.current import Current
+from scheduler.dispatch.eligibility import trouble
+from scheduler.dispatch.execution import action, is_busy, place_of
+from scheduler.dispatch.reasons import Why
+from scheduler.places import Place
+from scheduler.view import RobotView, View
+
+STILL_MS = 10_000  # a robot that has not moved for so long is worth a reason
+REASON_CHANGES_EVERY_MS = 5_000  # one order's reason changes no oftener, unless it ends
+
+
+def continue_(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[AnyProposal]:
+    """Bring every robot's present step one state further, where the world allows it."""
+    withdrawn = {p.order for p in so_far if isinstance(p, WithdrawOrder)}
+    proposals: list[AnyProposal] = []
+    for robot in view.robots.values():
+        at = robot.at
+        if at is None or at.order.id in withdrawn:
+            continue
+        proposals.extend(_advance(view, robot, at))
+        proposals.extend(_explain(view, robot, at, now_ms))
+    return proposals
+
+
+def _advance(view: View, robot: RobotView, at: Current) -> list[AnyProposal]:
+    if at.order.fault_reason is not None or not _may_act(robot):
+        return []
+    order, scene = at.order.id, view.scene.id
+    if not at.begun:
+        return [StartStep(scene=scene, order=order, step=at.index, robot=robot.name)]
+    place = place_of(view, at.step)
+    if place is None:
+        return []
+    done, wrong = _outcome(view, robot, at, place)
+    if wrong is not None:
+        return [FaultOrder(scene=scene, order=order, reason=wrong)]
+    if done:
+        return [FinishStep(scene=scene, order=order, step=at.index, robot=robot.name)]
+    return []
+
+
+def _may_act(robot: RobotView) -> bool:
+    return robot.robot.online and robot.ready and not robot.robot.config.disabled
+
+
+def _outcome(view: View, robot: RobotView, at: Current, place: Place) -> tuple[bool, str | None]:
+    """Say whether the step is done, and what went wrong if anything did."""
+    wanted = action(at.step, place)
+    if wanted is None:
+        return view.stands_at(robot, place), None
+    if wanted.wrong is not None:
+        return False, wanted.wrong
+    told = robot.report.action if robot.report is not None else None
+    mine = told is not None and told.id == at.attempt
+    if told is not None and mine and told.phase is ActionPhase.FAILED:
+        return False, told.message or f"{wanted.name} failed"
+    done = told is not None and mine and told.phase is ActionPhase.DONE
+    if at.order.kind is OrderKind.CHARGING:
+        return _has_charged(view, robot, place, told_done=done), None
+    return done, None
+
+
+def _has_charged(view: View, robot: RobotView, place: Place, *, told_done: bool) -> bool:
+    """Charging ends by level, not by time: at charge_full, or when the charger itself gives up.
+
+    An order that comes sooner takes the robot away by being assigned (see eligibility).
+    """
+    if not view.stands_at(robot, place) or robot.report is None:
+        return False
+    full = robot.battery_ratio >= view.levels(robot).charge_full
+    return full or (told_done and not robot.report.charging)
+
+
+def _explain(view: View, robot: RobotView, at: Current, now_ms: int) -> list[AnyProposal]:
+    """Say why the order does not get on, when the answer has changed; else say nothing."""
+    code, others = _obstacle(view, robot, at, now_ms)
+    before = at.order.execution_reject
+    scene, order = view.scene.id, at.order.id
+    if code is None:
+        return [RejectExecution(scene=scene, order=order, code="")] if before is not None else []
+    if before is not None:
+        same = before.code == code and before.robots == others
+        if same or now_ms - before.at_ms < REASON_CHANGES_EVERY_MS:
+            return []
+    return [RejectExecution(scene=scene, order=order, code=code, robots=others)]
+
+
+def _obstacle(
+    view: View, robot: RobotView, at: Current, now_ms: int
+) -> tuple[Why | None, dict[RobotName, str]]:
+    why = trouble(view, robot)
+    if why is not None:
+        return why, {robot.name: why}
+    if at.order.fault_reason is not None or is_busy(view, robot):
+        return None, {}
+    place = place_of(view, at.step)
+    if place is None:
+        return Why.LOCATION_UNKNOWN, {}
+    if view.scene.config.traffic_paused:
+        return Why.TRAFFIC_PAUSED, {}
+    if now_ms - robot.still_since_ms < STILL_MS or view.stands_at(robot, place):
+        return None, {}
+    if not robot.ready:
+        return Why.ROBOT_NOT_READY, {robot.name: Why.ROBOT_NOT_READY}
+    if view.cost_s(robot, place) == float("inf"):
+        return Why.NO_ROUTE, {}
+    if robot.report is not None and robot.report.blocked:
+        return Why.ROBOT_OBSTRUCTED, {robot.name: Why.ROBOT_OBSTRUCTED}
+    blockers = (view.robots[name] for name in sorted(robot.blocked_by) if name in view.robots)
+    return Why.ROBOT_BLOCKED, {b.name: trouble(view, b) or Why.ROBOT_IN_THE_WAY for b in blockers}

@@ -1,0 +1,213 @@
+"""The scheduler's pace: one bounded pass at a time over all scenes, from reports to messages.
+
+It holds no truth. What it owes follows from the fleet and the robots' reports, so that after a
+restart it goes on where it was; what it remembers beside them (pauses, timers) only delays.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import msgspec
+
+from ledger.events import (
+    AnyEvent,
+    AssignmentRejected,
+    CommandAnswered,
+    ExecutionRejected,
+    RobotAdded,
+    RobotRemoved,
+    SceneConfigured,
+    SceneImported,
+    SceneMapReplaced,
+    StepStarted,
+)
+from ledger.events.orders import OfOrder
+from ledger.evolve import evolve
+from ledger.ids import RobotKey, RobotName, SceneId, robot_key
+from ledger.link import Act, Cancel, Plan, Report
+from ledger.proposals import AnyProposal
+from ledger.state import Fleet, Order, Robot
+from scheduler.backoff import Backoff
+from scheduler.dispatch.execution import due_action, due_cancel, goals, is_busy
+from scheduler.dispatch.phases import ALL, QUICK, dispatch
+from scheduler.links.protocol import RobotLink
+from scheduler.observe import Sighting, observe
+from scheduler.roads import TrafficFactory
+from scheduler.site import Site
+from scheduler.view import View
+
+PASS_MS_MIN = 200  # assignment follows news no faster than this
+PASS_MS_MAX = 1_000  # and without news it still looks at batteries, waits and ways so often
+REALLOCATE_MS = 2_000
+PLANS_MS = 200
+RETELL_MS = 2_000  # an action that no report has confirmed is told again
+SIGHTINGS_MAX = 100_000
+
+Propose: TypeAlias = Callable[[Sequence[AnyProposal]], Sequence[AnyEvent]]
+Plans: TypeAlias = Callable[[SceneId, Sequence[Plan]], None]
+
+_NO_NEWS = (AssignmentRejected, ExecutionRejected, CommandAnswered, StepStarted)
+
+
+class Pace(msgspec.Struct, kw_only=True):
+    """When a site had what last."""
+
+    pass_ms: int = 0
+    reallocate_ms: int = 0
+    plans_ms: int = 0
+    told: dict[RobotName, tuple[str, int]] = {}  # message last told, and when
+
+
+class Scheduler:
+    """Call everything on one thread; nothing here waits, but `propose` does for the disk."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        propose: Propose,
+        link: RobotLink,
+        plans: Plans,
+        traffic: TrafficFactory,
+    ) -> None:
+        """Take the fleet over: from here on only the scheduler evolves it."""
+        self._fleet = fleet
+        self._propose = propose
+        self._link = link
+        self._plans = plans
+        self._traffic = traffic
+        self._backoff = Backoff()
+        self._sites: dict[SceneId, Site] = {}
+        self._paces: dict[SceneId, Pace] = {}
+        self._robots: dict[SceneId, list[RobotKey]] | None = None  # sorted; None = to be sorted
+        self._sightings: dict[RobotKey, Sighting] = {}
+        self._heard: set[RobotKey] = set()
+        self._since_ms: int | None = None  # of the first tick
+        self._now_ms = 0
+
+    def on_events(self, events: Sequence[AnyEvent]) -> None:
+        """Evolve through events, in order; those that are known already are passed over."""
+        for event in events:
+            if event.position <= self._fleet.position:
+                continue
+            evolve(self._fleet, event)
+            self._note(event)
+
+    def _note(self, event: AnyEvent) -> None:
+        site = self._sites.get(event.scene)
+        if site is None:
+            return  # made at the next tick, from the state as it is then
+        if isinstance(event, OfOrder):
+            site.waiting.note(event.order, self._fleet.orders.get(event.order))
+        elif isinstance(event, SceneImported | SceneMapReplaced):
+            site.build(self._fleet.scenes[event.scene])
+        elif isinstance(event, SceneConfigured):
+            site.scene = self._fleet.scenes[event.scene]
+        elif isinstance(event, RobotRemoved):
+            site.forget(event.robot)
+        if isinstance(event, RobotAdded | RobotRemoved):
+            self._robots = None
+        if not isinstance(event, _NO_NEWS):
+            site.changed = True
+
+    def on_report(self, report: Report) -> None:
+        """Keep a report for the next tick."""
+        site = self._sites.get(report.scene)
+        if site is not None:
+            site.hear(report)
+            self._heard.add(robot_key(report.scene, report.robot))
+
+    def on_alive(self, scene: SceneId, robot: RobotName, alive: bool) -> None:
+        """Learn that a robot's token appeared or vanished."""
+        key = robot_key(scene, robot)
+        known = self._sightings.pop(key, Sighting())
+        self._sightings[key] = msgspec.structs.replace(known, alive=alive)
+        while len(self._sightings) > SIGHTINGS_MAX:
+            del self._sightings[next(iter(self._sightings))]
+
+    def tick(self, now_ms: int) -> None:
+        """Observe, dispatch, propose, then let traffic drive on what has been decided."""
+        if self._since_ms is None:
+            self._since_ms = now_ms
+        self._now_ms = now_ms
+        self._open_sites()
+        for key in self._heard:
+            known = self._sightings.get(key, Sighting())
+            self._sightings[key] = msgspec.structs.replace(known, reported_ms=now_ms)
+        self._heard.clear()
+        views: dict[SceneId, View] = {}
+        proposals: list[AnyProposal] = []
+        for scene, site in self._sites.items():
+            robots = self._robots_of(scene)
+            proposals.extend(observe(robots, self._sightings, self._since_ms, now_ms))
+            site.take_in(robots, now_ms)
+            views[scene], found = self._dispatch(scene, site, robots)
+            proposals.extend(found)
+        fit = self._backoff.fit(self._fleet, proposals, now_ms) if proposals else []
+        if fit:
+            self.on_events(self._propose(fit))
+        for scene, site in self._sites.items():
+            view = site.view(self._fleet, self._robots_of(scene)) if fit else views[scene]
+            self._act(scene, view)
+            self._steer(scene, site, view)
+
+    def _open_sites(self) -> None:
+        if len(self._sites) == len(self._fleet.scenes):
+            return
+        for scene in sorted(self._fleet.scenes.keys() - self._sites.keys()):
+            self._sites[scene] = Site(self._fleet.scenes[scene], self._traffic, self._now_ms)
+            self._paces[scene] = Pace()
+            for id_, order in self._fleet.orders.items():
+                if order.scene == scene:
+                    self._sites[scene].waiting.note(id_, order)
+        self._sites = dict(sorted(self._sites.items()))
+        self._robots = None
+
+    def _robots_of(self, scene: SceneId) -> list[Robot]:
+        if self._robots is None:
+            self._robots = {}
+            for key in sorted(self._fleet.robots):
+                self._robots.setdefault(self._fleet.robots[key].scene, []).append(key)
+        return [self._fleet.robots[key] for key in self._robots.get(scene, ())]
+
+    def _dispatch(
+        self, scene: SceneId, site: Site, robots: list[Robot]
+    ) -> tuple[View, tuple[AnyProposal, ...]]:
+        """Run the cheap phases every time, the others when there is news, or now and then."""
+        pace, now_ms = self._paces[scene], self._now_ms
+        since_ms = now_ms - pace.pass_ms
+        if since_ms < (PASS_MS_MIN if site.changed else PASS_MS_MAX):
+            view = site.view(self._fleet, robots)
+            return view, dispatch(view, now_ms, QUICK)
+        site.changed, pace.pass_ms = False, now_ms
+        reallocate = now_ms - pace.reallocate_ms >= REALLOCATE_MS
+        if reallocate:
+            pace.reallocate_ms = now_ms
+        waiting: list[Order] = [self._fleet.orders[o] for o in site.waiting.slice()]
+        view = site.view(self._fleet, robots, waiting, reallocate=reallocate)
+        return view, dispatch(view, now_ms, ALL)
+
+    def _act(self, scene: SceneId, view: View) -> None:
+        told = self._paces[scene].told
+        for name, robot in view.robots.items():
+            message: Cancel | Act | None = None
+            if robot.robot.online and not robot.robot.config.disabled:
+                message = due_cancel(view, robot) or due_action(view, robot)
+            if message is None:
+                told.pop(name, None)
+                continue
+            what = f"{type(message).__name__} {message.id}"
+            before = told.get(name)
+            if before is None or before[0] != what or self._now_ms - before[1] >= RETELL_MS:
+                told[name] = (what, self._now_ms)
+                self._link.tell(scene, message)
+
+    def _steer(self, scene: SceneId, site: Site, view: View) -> None:
+        paused = view.scene.disabled or view.scene.config.traffic_paused
+        wanted = {} if paused else goals(view)
+        busy = {name for name, robot in view.robots.items() if is_busy(view, robot)}
+        for message in site.steer(self._now_ms, wanted, busy):
+            self._link.tell(scene, message)
+        pace = self._paces[scene]
+        if self._now_ms - pace.plans_ms >= PLANS_MS:
+            pace.plans_ms = self._now_ms
+            self._plans(scene, site.take_plans(self._now_ms))

@@ -1,0 +1,201 @@
+"""One scene at work: its roads, its robots' newest reports, and what there is to remember."""
+
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
+
+from ledger.ids import PointName, RobotName
+from ledger.link import Drive, Plan, Report, TellRoute
+from ledger.scene import Scene
+from ledger.state import Fleet, Order, Robot
+from scheduler.current import Current, current
+from scheduler.goal import Goal
+from scheduler.places import Place, find_places
+from scheduler.roads import TrafficFactory, TrafficLike
+from scheduler.view import RobotView, View
+from scheduler.waiting import Waiting
+from scheduler.watch import Watch, watched
+
+REPORTS_QUEUED_MAX = 16  # of one robot between two ticks
+GATHER_MS = 10_000  # robots that have not spoken for so long after our start are not waited for
+
+
+class Site:
+    """Who is where; asks and feeds the traffic of each area."""
+
+    def __init__(self, scene: Scene, traffic: TrafficFactory, now_ms: int) -> None:
+        self.scene = scene
+        self.waiting = Waiting()
+        self.reports: dict[RobotName, Report] = {}
+        self.plans: dict[RobotName, Plan] = {}
+        self.changed = True  # something happened that dispatch should look at
+        self._factory = traffic
+        self._since_ms = now_ms
+        self._queues: dict[RobotName, list[Report]] = {}
+        self._watches: dict[RobotName, Watch] = {}
+        self._memo: dict[RobotName, tuple[tuple[Order, ...], Current | None]] = {}
+        self.build(scene)
+
+    def build(self, scene: Scene) -> None:
+        """Lay the roads of a new map; robots are placed again from their newest reports."""
+        self.scene = scene
+        self.places: dict[str, Place] = find_places(scene)
+        self.traffic: dict[int, TrafficLike] = {
+            area.id: self._factory(scene.id, area, scene.groups)
+            for area in sorted(scene.areas, key=lambda a: a.id)
+            if not area.disabled
+        }
+        self._expected: dict[RobotName, frozenset[int]] = {}  # areas whose traffic knows of it
+        self._lost: set[RobotName] = set()
+        self._settled: set[int] = set()  # areas whose traffic has been ready once
+        self.plans.clear()
+        for name, report in self.reports.items():
+            self._queues.setdefault(name, []).append(report)
+        self.changed = True
+
+    def hear(self, report: Report) -> None:
+        """Queue a report for the next tick. Old ones give way, but none that tells a route."""
+        newest = self.reports.get(report.robot)
+        same = newest is not None and newest.session == report.session
+        if newest is not None and same and report.number <= newest.number:
+            return  # came late
+        self.reports[report.robot] = report
+        queue = self._queues.setdefault(report.robot, [])
+        if queue and (queue[-1].route is None or len(queue) >= REPORTS_QUEUED_MAX):
+            queue[-1] = report
+        else:
+            queue.append(report)
+
+    def take_in(self, robots: Sequence[Robot], now_ms: int) -> None:
+        """Bring the traffic up to date with robots and reports."""
+        gathering = now_ms - self._since_ms < GATHER_MS
+        for robot in robots:
+            self._take_in(robot, now_ms, gathering=gathering)
+        for name in sorted(self.reports.keys() - {robot.name for robot in robots}):
+            self.forget(name)  # strangers report too
+
+    def _take_in(self, robot: Robot, now_ms: int, *, gathering: bool) -> None:
+        name, group = robot.name, robot.config.group
+        newest = self.reports.get(name)
+        if newest is None:
+            wait = not robot.config.disabled and (robot.online or gathering)
+            self._expect(name, group, frozenset(self.traffic) if wait else frozenset())
+            return
+        queue = self._queues.pop(name, [])
+        for report in queue:
+            self._watches[name] = watched(self._watches.get(name), report, now_ms)
+            self._expect(name, group, frozenset({report.area} & self.traffic.keys()))
+            self._observe(report)
+        if robot.online and not robot.config.disabled:
+            if name in self._lost and not queue:
+                self._observe(newest)  # back, and nothing heard since
+            self._lost.discard(name)
+        elif queue or name not in self._lost:  # it still stands there, and no one else may
+            self._lose(name)
+
+    def _observe(self, report: Report) -> None:
+        traffic = self.traffic.get(report.area)
+        if traffic is not None:
+            traffic.observe(report)
+
+    def _lose(self, name: RobotName) -> None:
+        self._lost.add(name)
+        for area in sorted(self._expected.get(name, frozenset())):
+            self.traffic[area].lost(name)
+
+    def _expect(self, name: RobotName, group: int, areas: frozenset[int]) -> None:
+        """Have exactly these areas know of the robot."""
+        before = self._expected.get(name, frozenset())
+        if areas == before:
+            return
+        for area in sorted(before - areas):
+            self.traffic[area].remove(name)
+        for area in sorted(areas - before):
+            self.traffic[area].add(name, group)
+        if areas:
+            self._expected[name] = areas
+        else:
+            del self._expected[name]
+
+    def forget(self, name: RobotName) -> None:
+        """Drop all that is known of a robot that is not of this scene any more."""
+        self._expect(name, 0, frozenset())
+        self._lost.discard(name)
+        for memory in (self.reports, self._queues, self._watches, self._memo, self.plans):
+            memory.pop(name, None)
+
+    def view(
+        self,
+        fleet: Fleet,
+        robots: Sequence[Robot],
+        waiting: Sequence[Order] = (),
+        *,
+        reallocate: bool = False,
+    ) -> View:
+        """Show the scene as it is now to the dispatch phases."""
+        self._settled.update(area for area, traffic in self.traffic.items() if traffic.ready)
+        return View(
+            scene=self.scene,
+            places=self.places,
+            robots={robot.name: self._robot(fleet, robot) for robot in robots},
+            waiting=waiting,
+            roads=self,
+            reallocate=reallocate,
+        )
+
+    def _robot(self, fleet: Fleet, robot: Robot) -> RobotView:
+        name = robot.name
+        orders = tuple(fleet.orders[o] for o in robot.orders if o in fleet.orders)
+        memo = self._memo.get(name)
+        if memo is None or not _identical(memo[0], orders):
+            memo = self._memo[name] = (orders, current(orders))
+        report, plan, watch = self.reports.get(name), self.plans.get(name), self._watches.get(name)
+        settled = report is not None and report.area in self._settled
+        return RobotView(
+            robot=robot,
+            orders=memo[0],
+            at=memo[1],
+            report=report,
+            ready=settled and plan is not None and plan.ready,
+            blocked_by=() if plan is None else plan.blocked_by,
+            still_since_ms=self._since_ms if watch is None else watch.still_since_ms,
+            charging_since_ms=None if watch is None else watch.charging_since_ms,
+        )
+
+    def _traffic_of(self, robot: RobotName) -> TrafficLike | None:
+        plan, report = self.plans.get(robot), self.reports.get(robot)
+        if plan is None or not plan.ready or report is None:
+            return None
+        return self.traffic.get(report.area)
+
+    def stands_at(self, robot: RobotName, point: PointName) -> bool:
+        """Ask the traffic of the robot's area; a robot that is not placed stands nowhere."""
+        traffic = self._traffic_of(robot)
+        return traffic is not None and traffic.stands_at(robot, point)
+
+    def cost_s(self, robot: RobotName, point: PointName) -> float:
+        """Ask the traffic of the robot's area."""
+        traffic = self._traffic_of(robot)
+        return float("inf") if traffic is None else traffic.cost_s(robot, point)
+
+    def steer(
+        self, now_ms: int, goals: Mapping[RobotName, Goal], busy: AbstractSet[RobotName]
+    ) -> list[Drive | TellRoute]:
+        """Let every area's traffic move its robots."""
+        messages: list[Drive | TellRoute] = []
+        for area, traffic in self.traffic.items():
+            here = {name for name, areas in self._expected.items() if area in areas}
+            mine = {name: goal for name, goal in goals.items() if name in here}
+            messages.extend(traffic.step(now_ms, mine, frozenset(busy & here)))
+        return messages
+
+    def take_plans(self, now_ms: int) -> list[Plan]:
+        """Ask what traffic intends; it also says which robots it can move."""
+        plans = [plan for traffic in self.traffic.values() for plan in traffic.plans(now_ms)]
+        self.plans = {plan.robot: plan for plan in plans}
+        return plans
+
+
+def _identical(before: tuple[Order, ...], now: tuple[Order, ...]) -> bool:
+    if len(before) != len(now):
+        return False
+    return all(a is b for a, b in zip(before, now, strict=True))
