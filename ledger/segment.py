@@ -95,9 +95,9 @@ def read_trailer(tail: bytes) -> tuple[Trailer, int] | None:
     """
     if len(tail) != TRAILER_BYTES or not tail.endswith(ENDING):
         return None
-    words = {key: tail[where].decode("latin-1") for key, where in _VALUES.items()}
-    if not (words["first"].isdigit() and words["last"].isdigit()):
+    if not (tail[_VALUES["first"]].isdigit() and tail[_VALUES["last"]].isdigit()):
         return None
+    words = {key: tail[where].decode("latin-1") for key, where in _VALUES.items()}
     trailer = Trailer(
         first=int(words["first"]),
         last=int(words["last"]),
@@ -105,7 +105,7 @@ def read_trailer(tail: bytes) -> tuple[Trailer, int] | None:
         sha256=words["sha256"],
     )
     crc = int.from_bytes(tail[_CRC], "little")
-    written = trailer.record() + mcap.data_end(crc) + ENDING if trailer.first else b""
+    written = trailer.record() + mcap.data_end(crc) + ENDING
     return (trailer, crc) if tail == written else None
 
 
