@@ -37,6 +37,11 @@ class RobotView(Value, frozen=True, kw_only=True):
                 return order
         return None
 
+    def stuck_ms(self, order: Order, now_ms: int) -> int:
+        """Give for how long it has not moved while it should have, for this order."""
+        begun_ms = [s.started_ms for s in order.steps if s.started_ms is not None]
+        return now_ms - max(self.still_since_ms, order.assigned_ms or 0, *begun_ms)
+
     @property
     def battery_ratio(self) -> float:
         """Charge as last reported; full as long as nothing is known."""

@@ -188,7 +188,7 @@ class _Assignment:
             if why is None and cost_s < FORBIDDEN:
                 cheap.append((cost_s, name))
             else:
-                others.append(Candidate(robot=name, reason=why or Why.NO_ROUTE))
+                others.append(Candidate(robot=name, reason=(why or Why.NO_ROUTE).value))
         candidates = [
             Candidate(robot=name, cost_s=round(cost_s, 3)) for cost_s, name in sorted(cheap)
         ]
@@ -219,5 +219,5 @@ class _Assignment:
                 if why is None:
                     reachable = self.costs.cost_s(robot, place) < FORBIDDEN
                     why = Why.ROBOT_TAKEN_BY_OTHER if reachable else Why.NO_ROUTE
-                reasons[name] = why
+                reasons[name] = why.value
         return reasons

@@ -95,7 +95,7 @@ def _explain(view: View, robot: RobotView, at: Current, now_ms: int) -> list[Any
         same = before.code == code and before.robots == others
         if same or now_ms - before.at_ms < REASON_CHANGES_EVERY_MS:
             return []
-    return [RejectExecution(scene=scene, order=order, code=code, robots=others)]
+    return [RejectExecution(scene=scene, order=order, code=code.value, robots=others)]
 
 
 def _obstacle(
@@ -103,7 +103,7 @@ def _obstacle(
 ) -> tuple[Why | None, dict[RobotName, str]]:
     why = trouble(view, robot)
     if why is not None:
-        return why, {robot.name: why}
+        return why, {robot.name: why.value}
     if at.order.fault_reason is not None or is_busy(view, robot):
         return None, {}
     place = place_of(view, at.step)
@@ -111,13 +111,15 @@ def _obstacle(
         return Why.LOCATION_UNKNOWN, {}
     if view.scene.config.traffic_paused:
         return Why.TRAFFIC_PAUSED, {}
-    if now_ms - robot.still_since_ms < STILL_MS or view.stands_at(robot, place):
+    if robot.stuck_ms(at.order, now_ms) < STILL_MS or view.stands_at(robot, place):
         return None, {}
     if not robot.ready:
-        return Why.ROBOT_NOT_READY, {robot.name: Why.ROBOT_NOT_READY}
+        return Why.ROBOT_NOT_READY, {robot.name: Why.ROBOT_NOT_READY.value}
     if view.cost_s(robot, place) == float("inf"):
         return Why.NO_ROUTE, {}
     if robot.report is not None and robot.report.blocked:
-        return Why.ROBOT_OBSTRUCTED, {robot.name: Why.ROBOT_OBSTRUCTED}
+        return Why.ROBOT_OBSTRUCTED, {robot.name: Why.ROBOT_OBSTRUCTED.value}
     blockers = (view.robots[name] for name in sorted(robot.blocked_by) if name in view.robots)
-    return Why.ROBOT_BLOCKED, {b.name: trouble(view, b) or Why.ROBOT_IN_THE_WAY for b in blockers}
+    return Why.ROBOT_BLOCKED, {
+        b.name: (trouble(view, b) or Why.ROBOT_IN_THE_WAY).value for b in blockers
+    }

@@ -12,7 +12,7 @@ REFUSALS_MAX = 50  # in one pass; the others follow in the next ones
 REFUSAL_EVERY_MS = 5_000  # for one order
 
 # A bin given away is a bin that is not free: this change alone is not news.
-_SAME = {str(Why.ROBOT_TAKEN_BY_OTHER): str(Why.ROBOT_NO_MORE_BIN)}
+_SAME = {Why.ROBOT_TAKEN_BY_OTHER.value: Why.ROBOT_NO_MORE_BIN.value}
 
 
 def refusals(
@@ -33,7 +33,9 @@ def refusals(
         robots = reasons(order)
         if before is None or _is_news(before, code, robots):
             proposals.append(
-                RejectAssignment(scene=view.scene.id, order=order.id, code=code, robots=robots)
+                RejectAssignment(
+                    scene=view.scene.id, order=order.id, code=code.value, robots=robots
+                )
             )
     return proposals
 

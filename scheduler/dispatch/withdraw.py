@@ -38,16 +38,16 @@ def withdraw(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[A
     """Free the orders of robots that are disabled, or out of action for longer than patience."""
     proposals: list[AnyProposal] = []
     for robot in view.robots.values():
-        if not robot.orders:
-            continue
-        why = _out_of_action(view, robot, now_ms)
         for order in robot.orders:
+            why = _out_of_action(view, robot, order, now_ms)
             if order.kind is not OrderKind.BUSINESS:
                 reason = why or _pointless(view, robot, order, now_ms)
             else:
                 reason = why if why and is_withdrawable(view, robot, order) else None
             if reason is not None:
-                proposals.append(WithdrawOrder(scene=view.scene.id, order=order.id, reason=reason))
+                proposals.append(
+                    WithdrawOrder(scene=view.scene.id, order=order.id, reason=reason.value)
+                )
     return proposals
 
 
@@ -55,7 +55,7 @@ def _pointless(view: View, robot: RobotView, order: Order, now_ms: int) -> Why |
     """Say why an order of the system's own should end: to charge first, or for another spot."""
     if order.kind is not OrderKind.CHARGING and _should_charge_instead(view, robot):
         return Why.ROBOT_BATTERY_LOW
-    if now_ms - robot.still_since_ms < HOPELESS_MS or is_busy(view, robot):
+    if robot.stuck_ms(order, now_ms) < HOPELESS_MS or is_busy(view, robot):
         return None
     place = view.place(order.steps[-1].task.location) if order.steps else None
     arrived = place is not None and view.stands_at(robot, place)
@@ -68,8 +68,8 @@ def _should_charge_instead(view: View, robot: RobotView) -> bool:
     return Spots(view, (), PointKind.CHARGING).take_nearest(robot) is not None
 
 
-def _out_of_action(view: View, robot: RobotView, now_ms: int) -> Why | None:
+def _out_of_action(view: View, robot: RobotView, order: Order, now_ms: int) -> Why | None:
     why = trouble(view, robot)
     if why is None or why is Why.ROBOT_DISABLED:
         return why
-    return why if now_ms - robot.still_since_ms >= PATIENCE_MS else None
+    return why if robot.stuck_ms(order, now_ms) >= PATIENCE_MS else None
