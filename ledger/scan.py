@@ -252,10 +252,10 @@ def read_folder(
         newest = number + 1 == len(paths)
         if not newest and firsts[number + 1] <= after + 1:
             continue  # all of it lies before
-        if due is not None and firsts[number] != due:
-            raise LedgerDamaged(path, 0, f"position {due} is missing before it", due)
         if until is not None and firsts[number] > until:
             return
+        if due is not None and firsts[number] != due:
+            raise LedgerDamaged(path, 0, f"position {due} is missing before it", due)
         for event in read_segment(path, after, until, newest, decoder):
             due = event.position + 1
             yield event
