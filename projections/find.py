@@ -1,0 +1,249 @@
+"""Find: live orders from memory and ended ones from DuckDB as one answer, now or at any moment.
+
+Correct by a simple rule: a `Moment` has every order that is live at its position and every one that
+ended behind `history_position`; DuckDB has every one that ended until then, and is asked for no
+more. So none is missing and none comes twice, however far DuckDB has got meanwhile.
+"""
+
+from collections.abc import AsyncIterator, Callable, Sequence
+from typing import Any, TypeAlias
+
+import duckdb
+import msgspec
+
+from ledger.errors import Refused
+from ledger.ids import OrderId
+from ledger.scene import Value
+from ledger.state import Fleet, Order
+from projections.condition_python import predicate
+from projections.condition_sql import column, order_by, where
+from projections.fields import CREATED, ID, SHOWN, Field, Row
+from projections.live import Live, Moment
+from projections.query import ALL, Condition, How, Test, folded
+from projections.reading import CHUNK_ROWS, Reader
+from projections.sorting import Key, Rank, rank
+
+ROWS_MAX = 1_000_000  # of one answer without a limit
+SKIP_MAX = 10_000_000
+
+At: TypeAlias = int  # epoch milliseconds
+
+
+class Asked(Value, frozen=True, kw_only=True):
+    """A query, read and checked."""
+
+    condition: Condition = ALL
+    fuzzy: str | None = None  # part of the order id, in any case of letters
+    fields: tuple[Field, ...] = SHOWN
+    sort: tuple[Key, ...] = (Key(field=ID),)
+
+
+class Page(Value, frozen=True, kw_only=True):
+    """Some of the rows, and how many there are."""
+
+    rows: tuple[Row, ...]
+    total: int
+    position: int
+
+
+class _Ranked(Value, frozen=True, kw_only=True):
+    rank: Rank
+    row: Row
+
+
+class Find:
+    """many, page, one and count over all orders there ever were."""
+
+    def __init__(
+        self,
+        live: Live,
+        reader: Reader,
+        moment: Callable[[At], Fleet],
+        now_ms: Callable[[], int],
+    ) -> None:
+        """Take the present, DuckDB, the past (slow: called in a thread), and the clock."""
+        self.live = live
+        self.now_ms = now_ms
+        self._reader = reader
+        self._moment = moment
+
+    async def fleet(self, at_ms: At | None) -> Fleet:
+        """Give the state that queries see, or that of a past moment; do not change it."""
+        if at_ms is None:
+            return self.live.fleet
+        self._check(at_ms)
+        fleet = await self._reader.beside(lambda: self._moment(at_ms))
+        await self.live.wait(fleet.position)  # the disk may be ahead of what queries see
+        return fleet
+
+    async def moment(self, at_ms: At | None) -> Moment:
+        """View all orders as they are, or as they were."""
+        return self.live.now() if at_ms is None else self.live.past(await self.fleet(at_ms))
+
+    def _check(self, at_ms: At) -> None:
+        if at_ms > self.now_ms():
+            raise Refused("errAsOfInFuture", "'asOf' lies in the future.", at_ms)
+
+    async def page(self, asked: Asked, skip: int, limit: int, at_ms: At | None = None) -> Page:
+        """Give rows `skip` to `skip + limit`, and the number of all."""
+        moment = await self.moment(at_ms)
+
+        def both(cursor: duckdb.DuckDBPyConnection) -> Page:
+            rows = _window(cursor, moment, asked, skip, limit)
+            total = _count(cursor, moment, asked)
+            return Page(rows=tuple(rows), total=total, position=moment.position)
+
+        return await self._reader.run(both)
+
+    async def some(self, asked: Asked, skip: int, limit: int, at_ms: At | None = None) -> Page:
+        """Give rows `skip` to `skip + limit`; `total` is only their number."""
+        moment = await self.moment(at_ms)
+        rows = await self._reader.run(lambda c: _window(c, moment, asked, skip, limit))
+        return Page(rows=tuple(rows), total=len(rows), position=moment.position)
+
+    async def count(self, asked: Asked, at_ms: At | None = None) -> tuple[int, int]:
+        """Give the number of rows, and the position at which it is so."""
+        moment = await self.moment(at_ms)
+        return await self._reader.run(lambda c: _count(c, moment, asked)), moment.position
+
+    async def every(
+        self, asked: Asked, skip: int, at_ms: At | None = None
+    ) -> tuple[int, AsyncIterator[list[Row]]]:
+        """Give the position, and all rows behind `skip` in chunks, however many."""
+        moment = await self.moment(at_ms)
+        total = await self._reader.run(lambda c: _count(c, moment, asked))
+        if total - skip > ROWS_MAX:
+            raise Refused(
+                "errTooManyRows",
+                f"{total} rows match, and one answer has {ROWS_MAX} at most: "
+                "set 'limit', or ask with find/page.",
+                total,
+                ROWS_MAX,
+            )
+        return moment.position, self._every(moment, asked, skip)
+
+    async def _every(self, moment: Moment, asked: Asked, skip: int) -> AsyncIterator[list[Row]]:
+        memory = _of_memory(moment, asked, None)
+        next_, position, chunk = 0, 0, list[Row]()
+        sql, parameters = _select(moment, asked)
+        async for found in self._reader.stream(sql, parameters):
+            for values in found:
+                ended = _ranked(asked, values)
+                while next_ < len(memory) and memory[next_].rank < ended.rank:
+                    chunk += [memory[next_].row] if position >= skip else []
+                    next_, position = next_ + 1, position + 1
+                chunk += [ended.row] if position >= skip else []
+                position += 1
+            if len(chunk) >= CHUNK_ROWS:
+                yield chunk
+                chunk = []
+        left = max(0, skip - position)
+        chunk += [ranked.row for ranked in memory[next_ + left :]]
+        for start in range(0, len(chunk), CHUNK_ROWS):
+            yield chunk[start : start + CHUNK_ROWS]
+
+    async def order(self, id_: OrderId, at_ms: At | None = None) -> tuple[Order | None, int]:
+        """Give an order with its steps, or None; and the position at which it is so."""
+        if at_ms is None:
+            position, known = self.live.position, self.live.order(id_)
+        else:
+            fleet = await self.fleet(at_ms)
+            position = fleet.position
+            known = fleet.orders.get(id_) or self.live.ended_order(id_, position)
+        if known is not None:
+            return known, position
+        sql = "SELECT body FROM orders_done WHERE id = ? AND done_position <= ?"
+        found = await self._reader.run(lambda c: c.execute(sql, [id_, position]).fetchone())
+        return (None if found is None else msgspec.json.decode(found[0], type=Order)), position
+
+
+def _of_memory(moment: Moment, asked: Asked, need: int | None) -> list[_Ranked]:
+    """Give the matching orders of memory, sorted; the first `need` of them at least."""
+    orders = moment.orders
+    default_page = asked.condition == ALL and asked.fuzzy is None
+    newest_first = asked.sort[0].field is CREATED and asked.sort[0].descending
+    if need is not None and default_page and newest_first and moment.in_order:
+        orders = _newest(orders, need)
+    holds = predicate(asked.condition)
+    part = None if asked.fuzzy is None else folded(asked.fuzzy)
+    found = []
+    for order in (*orders, *moment.ended):
+        scene = moment.scene_names.get(order.scene, "")
+        if (part is None or part in folded(order.id)) and holds(order, scene):
+            row = {field.name: field.read(order, scene) for field in asked.fields}
+            values = [key.field.read(order, scene) for key in asked.sort]
+            found.append(_Ranked(rank=rank(asked.sort, values), row=row))
+    found.sort(key=lambda ranked: ranked.rank)
+    return found
+
+
+def _newest(orders: tuple[Order, ...], need: int) -> tuple[Order, ...]:
+    """Give the newest orders, so many or more: all that were created when the last one was."""
+    if need >= len(orders):
+        return orders
+    start = len(orders) - max(need, 1)
+    oldest_ms = orders[start].created_ms
+    while start > 0 and orders[start - 1].created_ms == oldest_ms:
+        start -= 1
+    return orders[start:]
+
+
+def _window(
+    cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked, skip: int, limit: int
+) -> list[Row]:
+    """Give rows skip … skip + limit of the two sorted lists merged.
+
+    A row of DuckDB with `n` before it in DuckDB has between `n` and `n + len(memory)` before it in
+    the merged list, so of DuckDB only a window as much longer is needed.
+    """
+    memory = _of_memory(moment, asked, skip + limit)
+    start = max(0, skip - len(memory))
+    sql, parameters = _select(moment, asked)
+    sql += " LIMIT ? OFFSET ?"
+    found = cursor.execute(sql, [*parameters, skip + limit - start, start]).fetchall()
+    merged = memory + [_ranked(asked, values) for values in found]
+    merged.sort(key=lambda ranked: ranked.rank)
+    return [ranked.row for ranked in merged[skip - start : skip - start + limit]]
+
+
+def _count(cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked) -> int:
+    """Count in a query of its own: as part of the page it is ten times slower (measured)."""
+    condition, parameters = _where(moment, asked)
+    sql = f"SELECT count(*) FROM orders_done WHERE {condition}"
+    (ended,) = cursor.execute(sql, parameters).fetchone() or (0,)
+    holds = predicate(asked.condition)
+    part = None if asked.fuzzy is None else folded(asked.fuzzy)
+    orders = (*moment.orders, *moment.ended)
+    if part is None and asked.condition == ALL:
+        return len(orders) + int(ended)
+    names = moment.scene_names
+    return int(ended) + sum(
+        (part is None or part in folded(order.id)) and holds(order, names.get(order.scene, ""))
+        for order in orders
+    )
+
+
+def _select(moment: Moment, asked: Asked) -> tuple[str, list[Any]]:
+    condition, parameters = _where(moment, asked)
+    columns = ", ".join(column(f) for f in (*asked.fields, *(key.field for key in asked.sort)))
+    return (
+        f"SELECT {columns} FROM orders_done WHERE {condition} ORDER BY {order_by(asked.sort)}",
+        parameters,
+    )
+
+
+def _where(moment: Moment, asked: Asked) -> tuple[str, list[Any]]:
+    condition, parameters = where(asked.condition)
+    sql = f"done_position <= ? AND {condition}"
+    parameters = [moment.history_position, *parameters]
+    if asked.fuzzy is not None:
+        part, more = where(Test(field=ID, how=How.CONTAIN_FOLDED, value=folded(asked.fuzzy)))
+        sql += f" AND {part}"
+        parameters += more
+    return sql, parameters
+
+
+def _ranked(asked: Asked, values: Sequence[Any]) -> _Ranked:
+    width = len(asked.fields)
+    row = {field.name: value for field, value in zip(asked.fields, values, strict=False)}
+    return _Ranked(rank=rank(asked.sort, values[width:]), row=row)

@@ -1,0 +1,152 @@
+"""What queries see of the present: the fold over all durable events, and what robots report."""
+
+import asyncio
+import heapq
+from collections import deque
+from collections.abc import Sequence
+from itertools import count
+from threading import Lock
+
+from ledger.events import AnyEvent, OrderCancelled, OrderCreated, OrderFinished
+from ledger.evolve import evolve, order_after
+from ledger.ids import OrderId, RobotKey, SceneId, robot_key
+from ledger.link import Plan, Report
+from ledger.scene import Value
+from ledger.state import Fleet, Order
+
+WAIT_S = 5.0  # for a position, then the caller is told that it did not come
+WAITERS_MAX = 10_000
+REPORTS_KEPT = 32  # of each robot, so that all can be shown at one instant
+
+
+class Moment(Value, frozen=True, kw_only=True):
+    """One consistent view: these orders, and of DuckDB's the rows up to `history_position`."""
+
+    position: int
+    at_ms: int
+    history_position: int  # every order that ended later is in `orders`
+    orders: tuple[Order, ...]  # live, in order of creation if `in_order`
+    ended: tuple[Order, ...]  # done or cancelled, and not yet to be found in DuckDB
+    in_order: bool  # creation times never fall along `orders`
+    scene_names: dict[SceneId, str]
+
+
+class Live:
+    """Live orders, robots and scenes, and ended orders until DuckDB has committed them.
+
+    `apply` runs where queries are answered, before the events are acknowledged: whoever got an
+    answer finds what it says. `forget` may come from the projector's thread.
+    """
+
+    def __init__(self, fleet: Fleet) -> None:
+        """Take the state to begin with; orders that ended in it must be in the history."""
+        self.fleet = fleet
+        self.finished: dict[OrderId, Order] = {}
+        self.reports: dict[RobotKey, Report] = {}
+        self.plans: dict[RobotKey, Plan] = {}
+        self.recent: dict[RobotKey, deque[Report]] = {}
+        self._ended_at: deque[tuple[int, OrderId]] = deque()  # position of the last event, order
+        self._history_position = fleet.position
+        created = [order.created_ms for order in fleet.orders.values()]
+        self._in_order = created == sorted(created)
+        self._newest_created_ms = max(created, default=0)
+        self._lock = Lock()
+        self._waiters: list[tuple[int, int, asyncio.Future[None]]] = []
+        self._number = count()
+
+    @property
+    def position(self) -> int:
+        """Position up to which queries see."""
+        return self.fleet.position
+
+    def apply(self, events: Sequence[AnyEvent]) -> None:
+        """Take in durable events, in order."""
+        with self._lock:
+            for event in events:
+                if isinstance(event, OrderFinished | OrderCancelled):
+                    self._end(event)
+                elif isinstance(event, OrderCreated):
+                    self._in_order = self._in_order and event.at_ms >= self._newest_created_ms
+                    self._newest_created_ms = max(self._newest_created_ms, event.at_ms)
+                evolve(self.fleet, event)
+        while self._waiters and self._waiters[0][0] <= self.fleet.position:
+            _, _, waiter = heapq.heappop(self._waiters)
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def _end(self, event: OrderFinished | OrderCancelled) -> None:
+        if event.position <= self._history_position:  # the projector read it before we heard
+            return
+        ended = order_after(self.fleet.orders[event.order], event)
+        self.finished[ended.id] = ended
+        self._ended_at.append((event.position, ended.id))
+
+    def forget(self, position: int) -> None:
+        """Drop ended orders up to a position: DuckDB has them now."""
+        with self._lock:
+            while self._ended_at and self._ended_at[0][0] <= position:
+                self.finished.pop(self._ended_at.popleft()[1], None)
+            self._history_position = max(self._history_position, position)
+
+    def order(self, id_: OrderId) -> Order | None:
+        """Give an order that is live or has ended lately."""
+        with self._lock:
+            return self.fleet.orders.get(id_) or self.finished.get(id_)
+
+    def ended_order(self, id_: OrderId, until: int) -> Order | None:
+        """Give an order that ended lately, at this position or before."""
+        with self._lock:
+            known = any(id_ == ended and at <= until for at, ended in self._ended_at)
+            return self.finished.get(id_) if known else None
+
+    def now(self) -> Moment:
+        """View the present."""
+        with self._lock:
+            return self._view(self.fleet, tuple(self.finished.values()), self._in_order)
+
+    def past(self, fleet: Fleet) -> Moment:
+        """View a past state: it has the live orders, here and DuckDB have those ended by then."""
+        with self._lock:
+            ended = tuple(self.finished[id_] for at, id_ in self._ended_at if at <= fleet.position)
+            return self._view(fleet, ended, in_order=False)
+
+    def _view(self, fleet: Fleet, ended: tuple[Order, ...], in_order: bool) -> Moment:
+        return Moment(
+            position=fleet.position,
+            at_ms=fleet.at_ms,
+            history_position=min(self._history_position, fleet.position),
+            orders=tuple(fleet.orders.values()),
+            ended=ended,
+            in_order=in_order,
+            scene_names={id_: scene.name for id_, scene in self.fleet.scenes.items()},
+        )
+
+    async def wait(self, position: int, timeout_s: float = WAIT_S) -> bool:
+        """Wait until queries see this position; False if it does not come in time."""
+        if self.fleet.position >= position:
+            return True
+        if len(self._waiters) >= WAITERS_MAX:
+            return False
+        waiter = asyncio.get_running_loop().create_future()
+        entry = (position, next(self._number), waiter)
+        heapq.heappush(self._waiters, entry)
+        try:
+            await asyncio.wait_for(waiter, timeout_s)
+        except TimeoutError:
+            if entry in self._waiters:
+                self._waiters.remove(entry)
+                heapq.heapify(self._waiters)
+        return self.fleet.position >= position
+
+    def observe(self, report: Report) -> None:
+        """Take in what a robot reports; one that was overtaken on its way is dropped."""
+        key = robot_key(report.scene, report.robot)
+        known = self.reports.get(key)
+        if known is not None and report.at_ms < known.at_ms:
+            return
+        self.reports[key] = report
+        self.recent.setdefault(key, deque(maxlen=REPORTS_KEPT)).append(report)
+
+    def intend(self, plan: Plan) -> None:
+        """Take in what traffic intends with a robot."""
+        self.plans[robot_key(plan.scene, plan.robot)] = plan
