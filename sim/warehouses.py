@@ -129,7 +129,7 @@ def generate(
         bottom_m = top_m
         top_m = bottom_m + 2 * SPUR_M + (bays - 1) * BAY_M
         if block < blocks - 1:
-            layout.join(*[layout.point(x, top_m) for x in columns])
+            layout.join(*[layout.point(x, top_m) for x in columns[:-1]])
         else:
             _lane_pair(layout, columns, top_m, top_m + LANE_GAP_M)
         for aisle in range(aisles):
