@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from ledger.scene import XY
 from scheduler.traffic.geometry import (
     SMOOTH_RAD,
     Floats,

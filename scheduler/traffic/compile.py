@@ -3,6 +3,7 @@
 import hashlib
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path as FilePath
 from typing import Any
 from zipfile import BadZipFile
@@ -111,7 +112,7 @@ def _from_csr(
     indptr: npt.NDArray[np.int32], indices: npt.NDArray[np.int32]
 ) -> list[tuple[int, ...]]:
     bounds, values = indptr.tolist(), indices.tolist()
-    return [tuple(values[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
+    return [tuple(values[a:b]) for a, b in pairwise(bounds)]
 
 
 def _bits_from_csr(indptr: npt.NDArray[np.int32], indices: npt.NDArray[np.int32]) -> list[int]:

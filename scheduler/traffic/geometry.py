@@ -195,7 +195,7 @@ def sweeps(traces: Traces, corners: Floats) -> Polygons:
     cells = np.empty(traces.first[-1], dtype=object)
     for numbers, poses in (traces.straight, traces.curved):
         if len(numbers):
-            count, samples, _ = poses.shape
+            count = len(poses)
             corner_xy = placed(corners, poses.reshape(-1, 3)).reshape(count, -1, 2)
             cells[numbers] = shapely.convex_hull(shapely.linestrings(corner_xy))
     return cells

@@ -103,12 +103,11 @@ class Roadmap:
             self._tree = shapely.STRtree(self.cells.polygons())
         return sorted(self._tree.query(shape, predicate="intersects").tolist())
 
-    def places_meeting(self, cells: list[int]) -> int:
-        """Bits of the places whose resting body is one of these cells or overlaps one of them."""
+    def places_of(self, cells: list[int]) -> int:
+        """Bits of the places whose resting body is one of these cells."""
         bits = 0
         for cell in cells:
-            for other in self.conflicts(cell):
-                bits |= self.places.resting.get(other, 0)
+            bits |= self.places.resting.get(cell, 0)
         return bits
 
     def users(self, cells: list[int]) -> tuple[set[int], set[int]]:

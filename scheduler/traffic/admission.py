@@ -1,0 +1,207 @@
+"""From a robot's first report to its place in the plan: adopted, placed, or kept as an obstacle."""
+
+import math
+
+import numpy as np
+import shapely
+
+from ledger.ids import SceneId
+from ledger.link import Mark, Piece, Report
+from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_along, widened
+from scheduler.traffic.grants import Grants
+from scheduler.traffic.placing import Entry, entries, nearest_point, on_paths
+from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.routes import Builder, adopted, end_of
+from scheduler.traffic.track import ARRIVED_M, START, Slot, Track
+
+NEVER = 1 << 62  # a commit number behind all others
+MOVED_M = 0.05  # an obstacle that has moved this far is looked at again
+
+OFF_MAP = "RobotOffMap"
+NOT_AT_STOP = "RobotNotAtStop"
+ROUTE_UNKNOWN = "RobotRouteUnknown"
+OLD_ROUTE = "RobotOnOldRoute"
+
+
+class Admission:
+    """Places robots; holds the ways to stops of those that stand elsewhere."""
+
+    def __init__(self, scene: SceneId, roadmap: Roadmap, grants: Grants, within_m: float) -> None:
+        """`within_m`: how far from a point or path a robot still counts as being on it."""
+        self.scene = scene
+        self.roadmap = roadmap
+        self.grants = grants
+        self.within_m = within_m
+        self.entries: dict[str, list[Entry]] = {}
+        self._sessions: dict[str, int] = {}  # robot -> newest number
+
+    def receive(self, track: Track, report: Report, taken: int) -> None:
+        """Place a robot that has no place yet. `taken`: bits of the places of all others."""
+        if self._own(track, report):
+            if report.route is None:
+                track.asking, track.trouble = True, ROUTE_UNKNOWN
+                return
+            route = _outstanding(report)
+            if route:
+                self._adopt(track, report, route)
+                return
+        self.put(track, report, taken, keep_session=self._own(track, report))
+
+    def wait_on_old_route(self, track: Track, report: Report, taken: int) -> None:
+        """A route of another map version is driven to its authority; then the robot is placed."""
+        there = report.authority
+        at = report.progress
+        near = at.piece == there.piece and at.along_m >= there.along_m - ARRIVED_M
+        if near and track.standing:
+            track.let_go(self.grants)
+            self.put(track, report, taken, keep_session=False)
+
+    def moved(self, track: Track, report: Report, taken: int) -> bool:
+        """Look again at a robot that stands somewhere else than when it was last placed."""
+        off = math.hypot(report.x_m - track.seen_m[0], report.y_m - track.seen_m[1])
+        if off <= MOVED_M and abs(report.heading_rad - track.seen_rad) <= MOVED_M:
+            return False
+        track.let_go(self.grants)
+        self.put(track, report, taken, keep_session=self._own(track, report))
+        return True
+
+    def put(self, track: Track, report: Report, taken: int, keep_session: bool) -> None:
+        """Claim the ground under a robot that has no route, and find its place or way to one."""
+        self.entries.pop(track.name, None)
+        self._begin(track, report, keep_session)
+        track.placed, track.asking = True, False
+        track.place, track.trouble = None, None
+        track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
+        net = self.roadmap.net
+        point = nearest_point(self.roadmap, report, self.within_m)
+        legs = on_paths(self.roadmap, report, self.within_m)
+        if point is not None:
+            x, y = net.points[point].x_m, net.points[point].y_m
+            if legs and math.hypot(report.x_m - x, report.y_m - y) > MARGIN_M:
+                point = None  # it is on its way: what is left of the path is driven
+        place = None if point is None else self.roadmap.place.get(net.points[point].name)
+        if place is not None and not taken >> place & 1:
+            track.place, track.heading_rad = place, report.heading_rad
+            self._claim(track, report, point)
+            return
+        self._claim(track, report, None)
+        found = entries(self.roadmap, track.footprint, point, report.heading_rad, legs)
+        track.trouble = NOT_AT_STOP if found else OFF_MAP
+        if found:
+            self.entries[track.name] = found
+
+    def enter(self, track: Track, entry: Entry, commit: int) -> None:
+        """Commit the way to a stop."""
+        heading = track.report.heading_rad if track.report is not None else 0.0
+        build = Builder(self.roadmap, track.footprint, entry.point, heading, track.piece_next)
+        build.drive(entry.legs, -1, commit)
+        build.rest()
+        track.extend(build.pieces, build.slots, self.grants)
+        track.place, track.heading_rad, track.trouble = entry.place, build.heading_rad, None
+        del self.entries[track.name]
+
+    # -- inside
+
+    def _own(self, track: Track, report: Report) -> bool:
+        return report.session.startswith(f"{self.scene}/{track.name}/")
+
+    def _begin(self, track: Track, report: Report, keep_session: bool) -> None:
+        """Where the route goes on: in the robot's own session, or with piece 1 of a new one."""
+        if keep_session:
+            known = max(report.progress.piece, report.authority.piece)
+            track.session, track.confirmed = report.session, True
+            track.piece_next = max(known + 1, track.piece_next)
+            track.progress = track.end = report.progress
+            track.sent_piece, track.sent_authority = track.piece_next - 1, report.authority
+            return
+        number = self._sessions.get(track.name, 0)
+        if self._own(track, report):
+            last = report.session.rsplit("/", 1)[1]
+            number = max(number, int(last) if last.isdigit() else 0)
+        self._sessions[track.name] = number + 1
+        track.session_before, track.confirmed = report.session, False
+        track.session = f"{self.scene}/{track.name}/{number + 1}"
+        track.piece_next, track.sent_piece = 1, 0
+        track.progress = track.end = track.sent_authority = START
+
+    def _claim(self, track: Track, report: Report, point: int | None) -> None:
+        """The rest cell if the robot stands as the map foresees, else its own body as a shape."""
+        if point is not None:
+            cell = self.roadmap.rest(track.footprint, point)
+            corners = widened(self.roadmap.groups[track.group].footprint, MARGIN_M / 2)
+            body = body_at(corners, report.x_m, report.y_m, report.heading_rad)
+            ground = self.roadmap.polygon(cell)
+            if ground.covers(body) and self.grants.free(cell, track.name, NEVER):
+                self.grants.take(cell, track.name)
+                track.owned.append(Slot(cell=cell, end=START, commit=0))
+                return
+        body = body_at(
+            self.roadmap.footprints[track.footprint], report.x_m, report.y_m, report.heading_rad
+        )
+        self._take_shape(track, body, None)
+
+    def _take_shape(self, track: Track, shape: shapely.Polygon, end: Mark | None) -> None:
+        others = [
+            number
+            for number, ring in sorted(self.grants.shapes().items())
+            if shapely.Polygon(ring).intersects(shape)
+        ]
+        ring = tuple((x, y) for x, y in shapely.get_coordinates(shape)[:-1].tolist())
+        cell = self.grants.add_shape(ring, (*self.roadmap.meeting(shape), *others))
+        self.grants.take(cell, track.name)
+        track.owned.append(Slot(cell=cell, end=end, commit=0))
+
+    def _adopt(self, track: Track, report: Report, route: list[Piece]) -> None:
+        """Take a committed route over as it was: the same commit numbers, owned up to the reported
+        authority, promised beyond it.
+        """
+        track.session, track.confirmed = report.session, True
+        track.placed, track.asking, track.trouble = True, False, None
+        track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
+        slots = adopted(self.roadmap, track.footprint, route)
+        place = end_of(self.roadmap, route[-1])
+        if slots is None or place is None:
+            track.trouble = OLD_ROUTE
+            for piece in route:
+                if piece.number <= report.authority.piece:
+                    self._take_shape(track, self._swept(track, piece), START)
+            self._claim(track, report, None)
+            return
+        track.progress = report.progress
+        track.end = Mark(piece=route[-1].number, along_m=route[-1].length_m)
+        for piece in route:
+            track.pieces.append((piece, track.way_m))
+            track.way_m += piece.length_m if piece.path is not None else 0.0
+        known = sum(slot.end is not None and slot.end <= report.authority for slot in slots[:-1])
+        passed = sum(slot.end is not None and slot.end <= report.progress for slot in slots[:-1])
+        if not known:  # it has not set out: it owns the ground under it, however it stands
+            self._claim(track, report, None)
+            track.owned[-1].end = slots[0].end
+        for slot in slots[min(passed, max(known - 1, 0)) : known]:
+            self.grants.take(slot.cell, track.name)
+            track.owned.append(slot)
+        for slot in slots[known:]:
+            self.grants.promise(slot.cell, track.name, slot.commit)
+            track.promised.append(slot)
+        track.place, track.heading_rad = place, route[-1].heading_rad
+        track.commit = route[-1].commit
+        track.piece_next = route[-1].number + 1
+        track.sent_piece, track.sent_authority = route[-1].number, report.authority
+
+    def _swept(self, track: Track, piece: Piece) -> shapely.Polygon:
+        corners = self.roadmap.footprints[track.footprint]
+        if piece.path is None:
+            return discs(corners, np.array([piece.curve[0]]))[0]
+        samples = max(2, math.ceil(piece.length_m / 0.1))
+        _, poses = poses_along(piece.curve, samples, piece.backward)
+        return shapely.convex_hull(shapely.multipoints(placed(corners, poses).reshape(-1, 2)))
+
+
+def _outstanding(report: Report) -> list[Piece]:
+    """Reported pieces that are not driven to their end."""
+    left = []
+    for piece in sorted(report.route or (), key=lambda piece: piece.number):
+        done = report.progress.along_m if piece.number == report.progress.piece else 0.0
+        if piece.number >= report.progress.piece and done < piece.length_m - ARRIVED_M:
+            left.append(piece)
+    return left

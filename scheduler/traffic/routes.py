@@ -1,0 +1,162 @@
+"""From compiled moves to the pieces that a robot drives and the cells that it needs for them."""
+
+from collections.abc import Sequence
+
+import msgspec
+
+from ledger.link import Mark, Piece
+from scheduler.traffic.geometry import cut_front, turn_rad, wrap
+from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.track import Slot
+
+ENTRY = -1  # `Piece.move` of pieces on the way from where a robot was found to its first stop
+
+
+class Leg(msgspec.Struct, frozen=True, kw_only=True):
+    """A path to be driven, or its rest from `from_m` on."""
+
+    path: int
+    from_m: float = 0.0
+
+
+class Builder:
+    """Collects the pieces and slots of one commit after the other."""
+
+    def __init__(
+        self, roadmap: Roadmap, footprint: int, point: int | None, heading_rad: float, piece: int
+    ) -> None:
+        """The robot will stand on `point` under that heading, its next piece being `piece`."""
+        self.roadmap = roadmap
+        self.footprint = footprint
+        self.point = point  # None = on the way along a path
+        self.heading_rad = heading_rad
+        self.piece = piece
+        self.backward: bool | None = None
+        self.pieces: list[Piece] = []
+        self.slots: list[Slot] = []
+
+    def turn(self, heading_rad: float, move: int, commit: int) -> None:
+        """Turn in place, if the difference is more than is driven through."""
+        angle = turn_rad(self.heading_rad, heading_rad)
+        if not angle or self.point is None:
+            return
+        point = self.roadmap.net.points[self.point]
+        self._append(
+            Piece(
+                number=self.piece,
+                commit=commit,
+                move=move,
+                plan=self.roadmap.digest,
+                path=None,
+                area=self.roadmap.area.id,
+                heading_rad=wrap(heading_rad),
+                curve=((point.x_m, point.y_m),),
+                length_m=angle,
+            ),
+            [(self.roadmap.disc(self.footprint, self.point), angle)],
+        )
+        self.heading_rad = heading_rad
+
+    def drive(self, legs: Sequence[Leg], move: int, commit: int) -> None:
+        """Drive paths one after another, with turns in place where they do not join smoothly."""
+        net = self.roadmap.net
+        for leg in legs:
+            path = net.paths[leg.path]
+            if not leg.from_m:
+                self.turn(net.traces.heading_start[leg.path], move, commit)
+            curve = net.traces.curves[leg.path]
+            heading = net.traces.heading_end[leg.path]
+            cells = self.roadmap.path_cells(self.footprint, leg.path)
+            self._append(
+                Piece(
+                    number=self.piece,
+                    commit=commit,
+                    move=move,
+                    plan=self.roadmap.digest,
+                    path=path.key,
+                    area=self.roadmap.area.id,
+                    heading_rad=heading,
+                    curve=cut_front(curve, leg.from_m) if leg.from_m else curve,
+                    length_m=net.traces.length_m[leg.path] - leg.from_m,
+                    backward=path.backward,
+                    speed_mps_max=path.speed_mps_max,
+                    acceleration_mps2_max=path.acceleration_mps2_max,
+                ),
+                [(cell, end - leg.from_m) for cell, end in cells if end > leg.from_m],
+            )
+            self.point, self.heading_rad = net.end[leg.path], heading
+
+    def rest(self) -> None:
+        """End here: the ground of a robot that rests, until it is sent on."""
+        assert self.point is not None
+        last = self.pieces[-1]
+        self.slots.append(
+            Slot(
+                cell=self.roadmap.rest(self.footprint, self.point),
+                end=Mark(piece=last.number, along_m=last.length_m),
+                commit=last.commit,
+                resting=True,
+            )
+        )
+
+    def _append(self, piece: Piece, cells: list[tuple[int, float]]) -> None:
+        self.pieces.append(piece)
+        for cell, end in cells:
+            self.slots.append(
+                Slot(cell=cell, end=Mark(piece=piece.number, along_m=end), commit=piece.commit)
+            )
+        self.piece += 1
+
+
+def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Slot] | None:
+    """The cells of a route that was committed before a restart, under its old commit numbers;
+    None if the route is not of this roadmap.
+    """
+    paths = {path.key: k for k, path in enumerate(roadmap.net.paths)}
+    points = {(point.x_m, point.y_m): k for k, point in enumerate(roadmap.net.points)}
+    slots: list[Slot] = []
+    point: int | None = None
+    for piece in route:
+        if piece.plan != roadmap.digest:
+            return None
+        if piece.path is None:
+            point = points.get(piece.curve[0])
+            if point is None:
+                return None
+            cells = [(roadmap.disc(footprint, point), piece.length_m)]
+        else:
+            path = paths.get(piece.path)
+            if path is None:
+                return None
+            point = roadmap.net.end[path]
+            skipped = roadmap.net.traces.length_m[path] - piece.length_m
+            cells = [
+                (cell, end - skipped)
+                for cell, end in roadmap.path_cells(footprint, path)
+                if end - skipped > 1e-9
+            ]
+        for cell, end in cells:
+            slots.append(
+                Slot(cell=cell, end=Mark(piece=piece.number, along_m=end), commit=piece.commit)
+            )
+    if point is None:
+        return None
+    last = route[-1]
+    slots.append(
+        Slot(
+            cell=roadmap.rest(footprint, point),
+            end=Mark(piece=last.number, along_m=last.length_m),
+            commit=last.commit,
+            resting=True,
+        )
+    )
+    return slots
+
+
+def end_of(roadmap: Roadmap, piece: Piece) -> int | None:
+    """The place where a route with this last piece ends; None if that is none."""
+    if piece.path is None:
+        at = {(point.x_m, point.y_m): point.name for point in roadmap.net.points}
+        return roadmap.place.get(at[piece.curve[0]]) if piece.curve[0] in at else None
+    paths = {path.key: path.end for path in roadmap.net.paths}
+    return roadmap.place.get(paths[piece.path]) if piece.path in paths else None

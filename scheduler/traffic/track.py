@@ -1,0 +1,215 @@
+"""One robot as traffic follows it: its route in cells, and what it has been told of it."""
+
+from collections import deque
+
+import msgspec
+
+from ledger.ids import PathKey, RobotName
+from ledger.link import Drive, Mark, Piece, Report
+from ledger.scene import XY, Kinematics
+from scheduler.traffic.costs import Costs
+from scheduler.traffic.grants import Grants
+from scheduler.traffic.kinematics import braking_m
+
+LATENCY_S = 0.3  # from a report to the answer on board
+SLACK_M = 0.6
+ARRIVED_M = 0.02  # this near to its end a route counts as driven
+ALONG_EPS = 1e-3  # metres or radians: reports are rounded
+RESEND_MS = 1_000  # a Drive that shows no effect for so long is sent again
+START = Mark()
+
+
+class Slot(msgspec.Struct, kw_only=True):
+    """One cell of a route, left behind when progress reaches `end`."""
+
+    cell: int
+    end: Mark | None  # None = only when the first cell of the next route is left
+    commit: int
+    resting: bool = False  # the place at the end of a route; dropped if the route goes on in time
+
+
+class Track(msgspec.Struct, kw_only=True):
+    """What is known of one robot. `owned` is never empty once the robot is placed."""
+
+    name: RobotName
+    group: int
+    footprint: int
+    limits: Kinematics
+    costs: Costs
+    placed: bool = False  # its ground is claimed; without a place it is an obstacle
+    trouble: str | None = "RobotNotHeard"  # why it cannot be moved
+    place: int | None = None  # where its committed moves end
+    heading_rad: float = 0.0  # there
+    lost: bool = False
+    session: str = ""
+    session_before: str = ""  # reported until the robot has got the first message of the new one
+    confirmed: bool = False  # the robot has reported the session
+    piece_next: int = 1
+    owned: deque[Slot] = msgspec.field(default_factory=deque)
+    promised: deque[Slot] = msgspec.field(default_factory=deque)
+    pieces: deque[tuple[Piece, float]] = msgspec.field(default_factory=deque)  # and way before it
+    way_m: float = 0.0  # of all pieces ever
+    progress: Mark = START
+    end: Mark = START  # of the route
+    sent_piece: int = 0
+    sent_authority: Mark = START
+    sent_ms: int = 0
+    asked_ms: int | None = None  # TellRoute
+    asking: bool = False
+    report: Report | None = None
+    seen_m: XY = (0.0, 0.0)  # where it was when it was placed
+    seen_rad: float = 0.0
+    goal: int | None = None  # place
+    best_s: float = 0.0  # nearest to the goal so far
+    best_ms: int = 0
+    arrived_ms: int | None = None
+    relocation: int | None = None  # place to make way to
+    commit: int = 0
+    state: tuple[bool, bool] = (True, True)  # near its end, resting there: when last looked at
+
+    # -- the route
+
+    @property
+    def authority(self) -> Mark:
+        """How far it may drive: to the end of the last cell that it owns."""
+        end = self.owned[-1].end if self.owned else None
+        return end if end is not None else START
+
+    @property
+    def driven(self) -> bool:
+        """Is nothing left of its route."""
+        left = [piece for piece, _ in self.pieces if piece.number >= self.progress.piece]
+        if not left:
+            return True
+        last = left[-1]
+        return last.number == self.progress.piece and (
+            self.progress.along_m >= last.length_m - ARRIVED_M
+        )
+
+    def left_m(self) -> float:
+        """What is left of its route in metres; turns count nothing."""
+        for piece, before in self.pieces:
+            if piece.number >= self.progress.piece:
+                done = before
+                if piece.number == self.progress.piece and piece.path is not None:
+                    done += min(self.progress.along_m, piece.length_m)
+                return self.way_m - done
+        return 0.0
+
+    @property
+    def near(self) -> bool:
+        """Is it so near to the end of its route that the next move must be committed."""
+        ahead = braking_m(self.limits) + self.limits.speed_mps_max * LATENCY_S + SLACK_M
+        return self.left_m() <= ahead
+
+    @property
+    def standing(self) -> bool:
+        """Does it not move, by its own report."""
+        report = self.report
+        return report is not None and abs(report.speed_mps) < 0.01 and abs(report.turn_radps) < 0.01
+
+    def untravelled(self) -> tuple[PathKey, ...]:
+        """Paths still to be driven, the one it is on included."""
+        return tuple(
+            piece.path
+            for piece, _ in self.pieces
+            if piece.path is not None
+            and (
+                piece.number > self.progress.piece
+                or (
+                    piece.number == self.progress.piece
+                    and self.progress.along_m < piece.length_m - ARRIVED_M
+                )
+            )
+        )
+
+    def extend(self, pieces: list[Piece], slots: list[Slot], grants: Grants) -> None:
+        """Append a committed move: its pieces to the route, its cells as promises."""
+        if self.promised and self.promised[-1].resting:
+            slot = self.promised.pop()
+            grants.withdraw(slot.cell, self.name, slot.commit)
+        first = next((piece for piece in pieces if piece.path is not None), pieces[0])
+        left = next(slot.end for slot in slots if slot.end and slot.end.piece == first.number)
+        for slot in self.owned:
+            if slot.end is None:
+                slot.end = left
+        for piece in pieces:
+            self.pieces.append((piece, self.way_m))
+            self.way_m += piece.length_m if piece.path is not None else 0.0
+        for slot in slots:
+            self.promised.append(slot)
+            grants.promise(slot.cell, self.name, slot.commit)
+        self.piece_next = pieces[-1].number + 1
+        self.end = Mark(piece=pieces[-1].number, along_m=pieces[-1].length_m)
+        self.commit = pieces[-1].commit
+
+    def acquire(self, grants: Grants) -> bool:
+        """Own as many of the next cells as are free; cells left behind by that are released."""
+        any_taken = False
+        while self.promised:
+            slot = self.promised[0]
+            if not grants.free(slot.cell, self.name, slot.commit):
+                break
+            self.promised.popleft()
+            grants.fulfil(slot.cell, self.name, slot.commit)
+            self.owned.append(slot)
+            any_taken = True
+        return any_taken
+
+    def release(self, grants: Grants) -> bool:
+        """Give up the cells that the reference point has left; the last owned one is kept."""
+        any_left = False
+        while len(self.owned) > 1 and self._behind(self.owned[0]):
+            grants.release(self.owned.popleft().cell, self.name)
+            any_left = True
+        while len(self.pieces) > 1 and self.pieces[0][0].number < self.progress.piece:
+            self.pieces.popleft()
+        return any_left
+
+    def _behind(self, slot: Slot) -> bool:
+        if slot.end is None:
+            return False
+        if slot.end.piece != self.progress.piece:
+            return slot.end.piece < self.progress.piece
+        return slot.end.along_m <= self.progress.along_m + ALONG_EPS
+
+    def let_go(self, grants: Grants) -> None:
+        """Give up everything: the robot is gone, or stands somewhere else."""
+        for slot in self.owned:
+            grants.release(slot.cell, self.name)
+        for slot in self.promised:
+            grants.withdraw(slot.cell, self.name, slot.commit)
+        self.owned.clear()
+        self.promised.clear()
+        self.pieces.clear()
+        self.end = self.progress
+
+    # -- messages
+
+    def advance(self, report: Report) -> None:
+        """Progress only grows, and never beyond what was committed."""
+        self.confirmed = True
+        self.progress = min(max(self.progress, report.progress), self.end)
+
+    def drive(self, now_ms: int) -> Drive | None:
+        """What the robot has not been told yet, or shows no sign of having heard."""
+        authority = self.authority
+        fresh = tuple(piece for piece, _ in self.pieces if piece.number > self.sent_piece)
+        if not fresh and authority <= self.sent_authority:
+            if not self._unheard(now_ms):
+                return None
+            fresh = tuple(p for p, _ in self.pieces if p.number >= self.progress.piece)
+        self.sent_authority = max(authority, self.sent_authority)
+        self.sent_ms = now_ms
+        if fresh:
+            self.sent_piece = max(self.sent_piece, fresh[-1].number)
+        return Drive(
+            robot=self.name, session=self.session, authority=self.sent_authority, pieces=fresh
+        )
+
+    def _unheard(self, now_ms: int) -> bool:
+        """Sent long ago, and not in the newest report."""
+        if self.report is None or now_ms - self.sent_ms < RESEND_MS or not self.pieces:
+            return False
+        known = self.report.authority if self.report.session == self.session else START
+        return known < self.sent_authority

@@ -1,0 +1,378 @@
+"""Traffic of one area: who may be where, and who moves next.
+
+Reports release ground, `step` commits moves and grants ground, and a robot drives only over ground
+that it owns. The planner only proposes; every proposal is checked against the grants of the moment.
+"""
+
+from collections.abc import Mapping, Sequence, Set
+from pathlib import Path as FilePath
+
+from ledger.ids import PointName, RobotName, SceneId
+from ledger.link import Drive, Plan, Report, Space, TellRoute
+from ledger.scene import Area, Group, Value
+from scheduler.traffic.admission import OLD_ROUTE, Admission
+from scheduler.traffic.compile import compile_area
+from scheduler.traffic.costs import INFINITE, Costs
+from scheduler.traffic.grants import Grants
+from scheduler.traffic.pibt import World, propose, room
+from scheduler.traffic.routes import Builder, Leg
+from scheduler.traffic.track import Track
+from scheduler.traffic.wishes import Rank, agents, overlay, relocate
+
+ASK_MS = 1_000  # a question for the route is repeated after this time
+REPLAN_MS = 500  # while somebody waits; else planning follows events
+SPACES_MAX = 32  # polygons per plan shown
+HEADING_OK_RAD = 0.1  # a heading demanded on arrival counts as met within this
+
+
+class Goal(Value, frozen=True, kw_only=True):
+    """Where a robot is to go, and how important that is."""
+
+    point: PointName
+    rank: Rank  # smaller = more important: (-priority, since_ms, robot)
+
+
+class Traffic:
+    """One per scene and area. Deterministic: the same calls give the same answers."""
+
+    def __init__(
+        self,
+        scene: SceneId,
+        area: Area,
+        groups: Sequence[Group],
+        cache: FilePath | None = None,
+        point_distance_m: float = 0.3,
+    ) -> None:
+        """Compile the area for these groups, or load it from the folder `cache`."""
+        self.scene = scene
+        self.area = area
+        self.roadmap = compile_area(area, groups, cache)
+        self.grants = Grants(self.roadmap.conflicts, self.roadmap.cells.count)
+        self._admission = Admission(scene, self.roadmap, self.grants, point_distance_m)
+        self._costs = {
+            group.id: Costs(self.roadmap, group.kinematics)
+            for group in self.roadmap.groups.values()
+        }
+        self._tracks: dict[RobotName, Track] = {}  # by name, ascending
+        self._commit_last = 0
+        self._commit_first = 0  # ways to a first stop come before all that is committed
+        self._goals: Mapping[RobotName, Goal] = {}
+        self._fixed: frozenset[RobotName] = frozenset()
+        self._dirty = True
+        self._freed = False
+        self._plan_ms = 0
+        self._touched: set[RobotName] = set()
+        self._resend_ms = 0
+
+    # -- robots come, report, and go
+
+    def add(self, robot: RobotName, group: int) -> None:
+        """A robot of this area; nobody is given new moves before it has reported or is lost."""
+        if robot in self._tracks:
+            return
+        self._tracks[robot] = Track(
+            name=robot,
+            group=group,
+            footprint=self.roadmap.footprint_of[group],
+            limits=self.roadmap.groups[group].kinematics,
+            costs=self._costs[group],
+        )
+        self._tracks = dict(sorted(self._tracks.items()))
+        self._dirty = True
+
+    def remove(self, robot: RobotName) -> None:
+        """It is not on the floor any more: its ground is free."""
+        track = self._tracks.pop(robot, None)
+        if track is not None:
+            track.let_go(self.grants)
+            self._admission.entries.pop(robot, None)
+            self._dirty = self._freed = True
+
+    def lost(self, robot: RobotName) -> None:
+        """It does not answer: it keeps all ground it has, and cannot be pushed."""
+        track = self._tracks.get(robot)
+        if track is not None and not track.lost:
+            track.lost = True
+            self._dirty = True
+
+    def observe(self, report: Report) -> None:
+        """Take in a report. Older ones than known, and ones from other areas, change nothing."""
+        track = self._tracks.get(report.robot)
+        if track is None or report.area != self.area.id or _stale(track, report):
+            return
+        if track.lost:
+            track.lost, self._dirty = False, True
+        track.report = report
+        if not track.placed:
+            self._admission.receive(track, report, self._taken(track))
+            self._news(track)
+        elif track.trouble == OLD_ROUTE:
+            self._admission.wait_on_old_route(track, report, self._taken(track))
+            self._dirty = True
+        elif report.session == track.session:
+            self._progress(track, report)
+        elif track.confirmed or report.session != track.session_before:
+            # It has forgotten its route: it started anew, and stands where it reports to be.
+            track.let_go(self.grants)
+            self._admission.put(track, report, self._taken(track), keep_session=False)
+            self._news(track)
+        else:
+            self._drift(track, report)
+
+    def _news(self, track: Track) -> None:
+        """A robot has been placed anew; numbers go on behind those it brought along."""
+        numbers = [slot.commit for slot in (*track.owned, *track.promised)]
+        self._commit_last = max([self._commit_last, *numbers])
+        self._commit_first = min([self._commit_first, *numbers])
+        self._dirty = self._freed = True
+        self._touched.add(track.name)
+
+    def _progress(self, track: Track, report: Report) -> None:
+        track.advance(report)
+        if track.release(self.grants):
+            self._freed = True
+        state = track.near, track.driven and track.standing
+        if state != track.state:
+            track.state = state
+            self._dirty = True
+        self._drift(track, report)
+
+    def _drift(self, track: Track, report: Report) -> None:
+        """Look again at a robot that stands somewhere else than its route has led it."""
+        if not (track.driven and track.standing):
+            return
+        if track.place is not None:
+            point = self.roadmap.net.points[self.roadmap.places.point[track.place]]
+            off = max(abs(point.x_m - report.x_m), abs(point.y_m - report.y_m))
+            if off <= 2 * max(self._admission.within_m, 0.1):
+                return
+        if self._admission.moved(track, report, self._taken(track)):
+            self._news(track)
+
+    def _taken(self, track: Track) -> int:
+        bits = 0
+        for other in self._tracks.values():
+            if other.place is not None and other is not track:
+                bits |= 1 << other.place
+        return bits
+
+    # -- answers
+
+    @property
+    def ready(self) -> bool:
+        """Has every robot that is not lost been placed."""
+        return all(track.placed or track.lost for track in self._tracks.values())
+
+    def trouble(self, robot: RobotName) -> str | None:
+        """Code of the reason why a robot cannot be moved; None if it can."""
+        track = self._tracks.get(robot)
+        return None if track is None else track.trouble
+
+    def can_rest(self, point: PointName) -> bool:
+        """May an order end here: a stop, or a point that robots may visit for an order only."""
+        return point in self.roadmap.place
+
+    def can_park(self, point: PointName) -> bool:
+        """May a robot stay here: a stop, where it hinders nobody that rests elsewhere."""
+        place = self.roadmap.place.get(point)
+        return place is not None and place < self.roadmap.places.stops
+
+    def stands_at(self, robot: RobotName, point: PointName) -> bool:
+        """Does it rest there with nothing committed beyond: a state, not an event."""
+        track = self._tracks.get(robot)
+        place = self.roadmap.place.get(point)
+        if track is None or place is None or track.place != place or track.trouble is not None:
+            return False
+        if not track.driven or not track.standing or track.report is None:
+            return False
+        return abs(self.roadmap.final_turn_rad(place, track.report.heading_rad)) <= HEADING_OK_RAD
+
+    def cost_s(self, robot: RobotName, point: PointName) -> float:
+        """Seconds of driving from where its committed moves end; infinite = no way."""
+        track = self._tracks.get(robot)
+        place = self.roadmap.place.get(point)
+        if track is None or place is None or track.place is None:
+            return INFINITE
+        return track.costs.cost_s(track.place, track.heading_rad, place)
+
+    # -- one step
+
+    def step(
+        self, now_ms: int, goals: Mapping[RobotName, Goal], busy: Set[RobotName]
+    ) -> list[Drive | TellRoute]:
+        """Commit and grant what can be now, and say it; nothing for robots with no news."""
+        messages: list[Drive | TellRoute] = []
+        for track in self._tracks.values():
+            if track.asking and (track.asked_ms is None or now_ms - track.asked_ms >= ASK_MS):
+                track.asked_ms = now_ms
+                messages.append(TellRoute(robot=track.name))
+        if not self.ready:
+            return messages
+        self._wish(now_ms, goals, busy)
+        if self._freed:
+            self._acquire()
+        if self._dirty or now_ms >= self._plan_ms:
+            self._dirty = False
+            self._plan(now_ms)
+            self._acquire()
+        return messages + self._tell(now_ms)
+
+    def _wish(self, now_ms: int, goals: Mapping[RobotName, Goal], busy: Set[RobotName]) -> None:
+        fixed = frozenset(busy) | {track.name for track in self._tracks.values() if track.lost}
+        if goals == self._goals and fixed == self._fixed and not self._dirty:
+            return
+        self._dirty = True
+        self._fixed, self._goals = fixed, dict(goals)
+        for track in self._tracks.values():
+            wanted = goals.get(track.name)
+            goal = None if wanted is None else self.roadmap.place.get(wanted.point)
+            if goal != track.goal:
+                track.goal, track.arrived_ms = goal, None
+                track.best_s, track.best_ms = INFINITE, now_ms
+            if goal is None or goal != track.place or not track.driven:
+                track.arrived_ms = None
+            elif track.arrived_ms is None:
+                track.arrived_ms = now_ms
+
+    def _acquire(self) -> None:
+        """Grant ground in commit order, until nothing more comes free by it."""
+        self._freed = False
+        waiting = [t for t in self._tracks.values() if t.promised and not t.lost]
+        waiting.sort(key=lambda track: (track.promised[0].commit, track.name))
+        again = True
+        while again:
+            again = False
+            for track in waiting:
+                if track.acquire(self.grants):
+                    self._touched.add(track.name)
+                    again = track.release(self.grants) or again
+
+    def _plan(self, now_ms: int) -> None:
+        self._enter()
+        tracks = list(self._tracks.values())
+        relocate(self.roadmap, tracks, self._fixed)
+        ranks = {name: goal.rank for name, goal in self._goals.items()}
+        world = World(
+            roadmap=self.roadmap,
+            agents=agents(self.roadmap, tracks, ranks, self._fixed, now_ms),
+        )
+        claims = self._claims()
+        if claims:
+            overlay(world, claims)
+        positions = 0
+        for track in tracks:
+            if track.place is not None:
+                positions |= 1 << track.place
+        for name, moves in propose(world):
+            track = self._tracks[RobotName(name)]
+            assert track.place is not None
+            here = 1 << track.place
+            goal = track.goal if track.goal is not None else track.relocation
+            need = room(world, track.place, track.heading_rad, moves, goal) & ~here
+            if track.near and not need & positions:
+                self._commit(track, moves, goal)
+                positions = positions & ~here | 1 << track.place
+        waits = any((t.goal, t.relocation) not in ((t.place, None), (None, None)) for t in tracks)
+        waits = waits or bool(self._admission.entries)
+        self._plan_ms = now_ms + (REPLAN_MS if waits else 10 * REPLAN_MS)
+
+    def _enter(self) -> None:
+        """Send robots that were found between stops to the nearest stop that is free."""
+        for name in sorted(self._admission.entries):
+            track = self._tracks[RobotName(name)]
+            taken = self._taken(track)
+            if track.lost or name in self._fixed:
+                continue
+            for entry in self._admission.entries[name]:
+                if not entry.need & taken:
+                    self._commit_first -= 1
+                    self._admission.enter(track, entry, self._commit_first)
+                    self._touched.add(track.name)
+                    break
+
+    def _claims(self) -> list[tuple[int | None, list[int]]]:
+        """Ground held otherwise than the map foresees: by foreign shapes, and by the lost."""
+        found: list[tuple[int | None, list[int]]] = []
+        for track in self._tracks.values():
+            held = list(track.owned) + (list(track.promised) if track.lost else [])
+            cells = [s.cell for s in held if track.lost or self.grants.is_shape(s.cell)]
+            if cells:
+                over = {c for cell in cells for c in self.grants.excluded(cell)}
+                place = None if track.lost else track.place
+                found.append((place, [c for c in over if not self.grants.is_shape(c)]))
+        return found
+
+    def _commit(self, track: Track, moves: tuple[int, ...], goal: int | None) -> None:
+        """Append moves to a route, each under the next number; () is the turn that a goal asks."""
+        assert track.place is not None
+        roadmap = self.roadmap
+        point = roadmap.places.point[track.place]
+        build = Builder(roadmap, track.footprint, point, track.heading_rad, track.piece_next)
+        for move in moves:
+            self._commit_last += 1
+            build.drive([Leg(path=k) for k in roadmap.moves.paths[move]], move, self._commit_last)
+            track.place = roadmap.moves.end[move]
+        demanded = roadmap.net.points[roadmap.places.point[track.place]].heading_rad
+        if track.place == goal and roadmap.turning[track.place] and demanded is not None:
+            if not moves:
+                self._commit_last += 1
+            build.turn(demanded, moves[-1] if moves else -1, self._commit_last)
+        if not build.pieces:
+            return
+        build.rest()
+        track.extend(build.pieces, build.slots, self.grants)
+        track.heading_rad, track.state = build.heading_rad, (track.near, False)
+        track.arrived_ms = None
+        self._touched.add(track.name)
+
+    def _tell(self, now_ms: int) -> list[Drive | TellRoute]:
+        names: Set[RobotName] = self._touched
+        if now_ms >= self._resend_ms:
+            self._resend_ms = now_ms + REPLAN_MS
+            names = self._tracks.keys()
+        told = []
+        for name in sorted(names):
+            track = self._tracks.get(name)
+            message = track.drive(now_ms) if track is not None and not track.lost else None
+            if message is not None:
+                told.append(message)
+        self._touched.clear()
+        return list(told)
+
+    # -- for those who look on
+
+    def plans(self, now_ms: int) -> list[Plan]:
+        """What is intended with each robot just now."""
+        return [self._plan_of(track, now_ms) for track in self._tracks.values()]
+
+    def _plan_of(self, track: Track, now_ms: int) -> Plan:
+        spaces = []
+        for slot in list(track.owned)[:SPACES_MAX]:
+            shape = self.grants.is_shape(slot.cell)
+            ring = self.grants.ring(slot.cell) if shape else self.roadmap.ring(slot.cell)
+            spaces.append(Space(points=tuple((round(x, 3), round(y, 3)) for x, y in ring)))
+        blockers: list[str] = []
+        if track.promised:
+            slot = track.promised[0]
+            blockers = self.grants.blockers(slot.cell, track.name, slot.commit)
+        target = self._goals.get(track.name)
+        return Plan(
+            scene=self.scene,
+            robot=track.name,
+            at_ms=now_ms,
+            ready=track.placed and track.trouble is None and not track.lost,
+            target=None if target is None else target.point,
+            untravelled=track.untravelled(),
+            spaces=tuple(spaces),
+            blocked_by=tuple(RobotName(name) for name in sorted(set(blockers))),
+            commit=track.commit,
+            moving=not track.driven,
+        )
+
+
+def _stale(track: Track, report: Report) -> bool:
+    """Not newer than what is known; a robot that started anew counts from the beginning again."""
+    known = track.report
+    if known is None or report.number > known.number:
+        return False
+    return report.session == known.session or report.at_ms <= known.at_ms

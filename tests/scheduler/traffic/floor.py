@@ -1,0 +1,272 @@
+"""A floor with perfect robots for tests of traffic: they drive their route up to their authority.
+
+Written for these tests alone and on purpose not taken from `sim`: siblings do not know each other.
+"""
+
+import math
+import random
+from collections.abc import Mapping
+
+from ledger.ids import PointName, RobotName, SceneId
+from ledger.link import Drive, Mark, Piece, Report, TellRoute
+from ledger.scene import XY, Area, Group
+from scheduler.traffic.judge import body, collisions, double_grants, outside
+from scheduler.traffic.traffic import Goal, Traffic
+
+SCENE = SceneId("0123456789abcdef01234567")
+DT_S = 0.1
+
+
+def wrap(angle: float) -> float:
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+class Curve:
+    """Poses along a Bezier curve by a table of chords."""
+
+    def __init__(self, piece: Piece) -> None:
+        self.table: list[tuple[float, float, float]] = []  # along, x, y
+        count = 1 if len(piece.curve) == 2 else 200
+        way, last = 0.0, piece.curve[0]
+        for k in range(count + 1):
+            xy = self._at(piece.curve, k / count)
+            way += math.dist(xy, last)
+            self.table.append((way, *xy))
+            last = xy
+        self.scale = way / piece.length_m if piece.length_m else 1.0
+        self.flip = math.pi if piece.backward else 0.0
+
+    def _at(self, controls: tuple[XY, ...], t: float) -> XY:
+        level = list(controls)
+        while len(level) > 1:
+            level = [
+                (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t)
+                for a, b in zip(level, level[1:], strict=False)
+            ]
+        return level[0]
+
+    def pose(self, along_m: float) -> tuple[float, float, float]:
+        way = along_m * self.scale
+        k = 1
+        while k < len(self.table) - 1 and self.table[k][0] < way:
+            k += 1
+        (w0, x0, y0), (w1, x1, y1) = self.table[k - 1], self.table[k]
+        share = min(max((way - w0) / (w1 - w0), 0.0), 1.0) if w1 > w0 else 0.0
+        heading = wrap(math.atan2(y1 - y0, x1 - x0) + self.flip)
+        return x0 + (x1 - x0) * share, y0 + (y1 - y0) * share, heading
+
+
+class Robot:
+    def __init__(self, name: RobotName, group: Group, x: float, y: float, heading: float) -> None:
+        self.name, self.group = name, group
+        self.x, self.y, self.heading = x, y, heading
+        self.speed = 0.0
+        self.session = ""
+        self.pieces: dict[int, Piece] = {}
+        self.progress, self.authority = Mark(), Mark()
+        self.frozen_s = 0.0
+        self.number = 0
+        self.tells = False
+        self.curve: tuple[int, Curve] | None = None
+        self.turn_from = 0.0
+
+    def tell(self, message: Drive | TellRoute) -> None:
+        if isinstance(message, TellRoute):
+            self.tells = True
+            return
+        if message.session != self.session:
+            assert self.speed == 0.0
+            self.session, self.pieces = message.session, {}
+            self.progress = self.authority = Mark()
+        for piece in message.pieces:
+            assert self.pieces.setdefault(piece.number, piece) == piece
+        assert message.authority >= self.authority
+        self.authority = message.authority
+
+    def _reach_m(self) -> float:
+        """Way to the next halt: authority, a turn, a reversal, the end of the route."""
+        total, number, along = 0.0, self.progress.piece, self.progress.along_m
+        while (piece := self.pieces.get(number)) is not None and piece.path is not None:
+            if self.authority.piece == number:
+                return total + max(self.authority.along_m - along, 0.0)
+            if self.authority.piece < number:
+                return total
+            total += piece.length_m - along
+            after = self.pieces.get(number + 1)
+            if after is None or after.path is None or after.backward != piece.backward:
+                return total
+            gap = wrap(after.heading_rad - piece.heading_rad) if len(after.curve) == 2 else 0.0
+            assert abs(gap) < 0.06 or self.authority.piece <= number, "driven through a corner"
+            number, along = number + 1, 0.0
+        return total
+
+    def step(self, dt: float, chance: random.Random, late: float) -> None:
+        if self.frozen_s > 0:
+            self.frozen_s, self.speed = self.frozen_s - dt, 0.0
+            return
+        self._next(chance, late)
+        piece = self.pieces.get(self.progress.piece)
+        if piece is None:
+            self.speed = 0.0
+            return
+        limits = self.group.kinematics
+        if piece.path is None:
+            room = piece.length_m - self.progress.along_m
+            if self.authority < Mark(piece=piece.number, along_m=piece.length_m):
+                room = 0.0
+            turned = self.progress.along_m + min(room, limits.turn_radps_max * dt)
+            self.progress = Mark(piece=piece.number, along_m=turned)
+            away = wrap(piece.heading_rad - self.turn_from)
+            share = turned / piece.length_m
+            self.heading = wrap(self.turn_from + away * share)
+            return
+        reach = self._reach_m()
+        top = min(limits.speed_mps_max, piece.speed_mps_max or limits.speed_mps_max)
+        gain = limits.acceleration_mps2_max
+        speed = min(abs(self.speed) + gain * dt, top, math.sqrt(2 * gain * max(reach, 0.0)))
+        way = min(speed * dt, reach)
+        self.speed = (-speed if piece.backward else speed) if way > 1e-6 else 0.0
+        along = self.progress.along_m + way
+        while along >= piece.length_m - 1e-9:
+            after = self.pieces.get(piece.number + 1)
+            if after is None or after.path is None or after.backward != piece.backward:
+                along = piece.length_m
+                break
+            if self.authority <= Mark(piece=piece.number, along_m=piece.length_m):
+                along = piece.length_m
+                break
+            along, piece = max(along - piece.length_m, 0.0), after
+        self.progress = Mark(piece=piece.number, along_m=along)
+        if self.curve is None or self.curve[0] != piece.number:
+            self.curve = (piece.number, Curve(piece))
+        self.x, self.y, self.heading = self.curve[1].pose(along)
+
+    def _next(self, chance: random.Random, late: float) -> None:
+        """On to the next piece, if this one is done and the next may be begun."""
+        piece = self.pieces.get(self.progress.piece)
+        after = self.pieces.get(self.progress.piece + 1)
+        done = piece is None or self.progress.along_m >= piece.length_m - 1e-9
+        if done and after is not None and self.authority.piece >= after.number:
+            self.progress = Mark(piece=after.number)
+            self.turn_from = self.heading
+            if late and chance.random() < late:
+                self.frozen_s = chance.expovariate(1 / 6.0)
+
+    def report(self, at_ms: int, area: int) -> Report:
+        self.number += 1
+        route = None
+        if self.tells:
+            self.tells = False
+            route = tuple(p for n, p in sorted(self.pieces.items()) if n >= self.progress.piece)
+        return Report(
+            scene=SCENE,
+            robot=self.name,
+            number=self.number,
+            at_ms=at_ms,
+            area=area,
+            x_m=self.x,
+            y_m=self.y,
+            heading_rad=self.heading,
+            speed_mps=self.speed,
+            session=self.session,
+            progress=self.progress,
+            authority=self.authority,
+            route=route,
+        )
+
+
+class Floor:
+    """Robots, traffic, and orders to random goals; the judge looks on."""
+
+    def __init__(
+        self,
+        area: Area,
+        groups: tuple[Group, ...],
+        starts: Mapping[str, tuple[str, float]],
+        goals: list[PointName],
+        seed: int = 0,
+        late: float = 0.0,
+        service_s: float = 5.0,
+        group_of: Mapping[str, int] | None = None,
+    ) -> None:
+        self.area, self.groups = area, groups
+        self.chance = random.Random(seed)
+        self.goal_points, self.late, self.service_s = goals, late, service_s
+        self.points = {point.name: point for point in area.points}
+        self.now_ms = 1_000_000
+        self.robots: dict[RobotName, Robot] = {}
+        kinds = {group.id: group for group in groups}
+        self.group_of = dict(group_of or dict.fromkeys(starts, groups[0].id))
+        for name, (at, heading) in sorted(starts.items()):
+            point = self.points[PointName(at)]
+            group = kinds[self.group_of[name]]
+            self.robots[RobotName(name)] = Robot(
+                RobotName(name), group, point.x_m, point.y_m, heading
+            )
+        self.goals: dict[RobotName, Goal] = {}
+        self.busy: dict[RobotName, int] = {}
+        self.done: dict[RobotName, int] = dict.fromkeys(self.robots, 0)
+        self.last_done: dict[RobotName, int] = dict.fromkeys(self.robots, self.now_ms)
+        self.longest_ms = 0
+        self.idle: set[RobotName] = set()
+        self.traffic = self.fresh_traffic()
+
+    def fresh_traffic(self) -> Traffic:
+        traffic = Traffic(SCENE, self.area, self.groups)
+        for name in self.robots:
+            traffic.add(name, self.group_of[name])
+        return traffic
+
+    def restart(self) -> None:
+        """The scheduler forgets everything; the robots do not."""
+        self.traffic = self.fresh_traffic()
+
+    def _orders(self) -> None:
+        for name in self.robots:
+            goal = self.goals.get(name)
+            if name in self.busy:
+                if self.now_ms >= self.busy[name]:
+                    del self.busy[name]
+                    del self.goals[name]
+                    self.done[name] += 1
+                    self.last_done[name] = self.now_ms
+            elif goal is not None and self.traffic.stands_at(name, goal.point):
+                self.busy[name] = self.now_ms + int(self.service_s * 1000)
+            elif goal is None and name not in self.idle:
+                taken = {other.point for other in self.goals.values()}
+                free = [p for p in self.goal_points if p not in taken]
+                point = self.chance.choice(free)
+                if self.traffic.cost_s(name, point) < math.inf:
+                    self.goals[name] = Goal(point=point, rank=(0, self.now_ms, name))
+
+    def tick(self, report_loss: float = 0.0) -> None:
+        self.now_ms += int(DT_S * 1000)
+        for robot in self.robots.values():
+            robot.step(DT_S, self.chance, self.late)
+            report = robot.report(self.now_ms, self.area.id)
+            if self.chance.random() >= report_loss:
+                self.traffic.observe(report)
+        self._orders()
+        for message in self.traffic.step(self.now_ms, self.goals, self.busy.keys()):
+            self.robots[message.robot].tell(message)
+        for name in self.goals:
+            self.longest_ms = max(self.longest_ms, self.now_ms - self.last_done[name])
+
+    def bodies(self):
+        return {r.name: body(r.group.footprint, r.x, r.y, r.heading) for r in self.robots.values()}
+
+    def judge(self) -> None:
+        bodies = self.bodies()
+        assert collisions(bodies) == []
+        plans = self.traffic.plans(self.now_ms)
+        assert double_grants(plans) == []
+        for plan in plans:
+            if plan.spaces:
+                assert not outside(plan, bodies[plan.robot]), plan
+
+    def run(self, seconds: float, judge_every_s: float = 0.5, report_loss: float = 0.0) -> None:
+        every = max(1, round(judge_every_s / DT_S))
+        for k in range(round(seconds / DT_S)):
+            self.tick(report_loss)
+            if k % every == 0:
+                self.judge()
