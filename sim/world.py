@@ -1,6 +1,7 @@
 """All simulated robots together: who is there, time passing, what they say, and their memory."""
 
 import random
+from collections.abc import Iterable
 from math import ceil
 
 import msgspec
@@ -41,6 +42,10 @@ class World:
 
     def __len__(self) -> int:
         return len(self._robots)
+
+    def robots(self) -> Iterable[SimRobot]:
+        """All robots, first added first."""
+        return self._robots.values()
 
     def remembers(self, key: RobotKey) -> bool:
         """Tell whether a loaded memory waits for this robot; add such robots before others."""
