@@ -111,7 +111,7 @@ def create_system_order(fleet: Fleet, proposal: CreateSystemOrder, at_ms: int) -
     """
     if proposal.kind is OrderKind.BUSINESS:
         message = "Field 'kind' must be Parking, Charging or IdleAvoid."
-        raise Rejected(Reason.ORDER_ASSIGNED, message)
+        raise Rejected(Reason.ORDER_KIND_INVALID, message)
     robot = _available(fleet, proposal.scene, proposal.robot)
     if robot.orders:
         message = f"Robot '{robot.name}' has order '{robot.orders[0]}'."

@@ -11,7 +11,6 @@ class Reason(StrEnum):
     SCENE_BLANK = "errSceneIdBlank"  # this one and NoSuchRobot are the vendor's own
     SCENE_UNKNOWN = "errSceneNotFound"
     SCENE_DISABLED = "errSceneDisabled"
-    SCENE_UNUSABLE = "errSceneUnusable"
     SCENE_CONFIG_INVALID = "errSceneConfigInvalid"
     ORDER_UNKNOWN = "errOrderNotFound"
     ORDER_TERMINAL = "errOrderTerminal"
@@ -23,10 +22,12 @@ class Reason(StrEnum):
     ORDER_FAULTED = "errOrderFaulted"
     ORDER_ASSIGNED = "errOrderAssigned"
     ORDER_NOT_ASSIGNED = "errOrderNotAssigned"
+    ORDER_KIND_INVALID = "errOrderKindInvalid"
     ORDER_LOADED = "errOrderLoaded"
     EXTERNAL_ID_TOO_LONG = "errExternalIdTooLong"
     PRIORITY_INVALID = "errPriorityInvalid"
     TOO_MANY = "errTooMany"
+    FIELD_INVALID = "errFieldInvalid"  # as for what the wire models refuse
     LOCATION_UNKNOWN = "errLocationNotFound"
     CONTAINER_TYPE_UNKNOWN = "errContainerTypeNotFound"
     STEPS_MISSING = "errStepsMissing"

@@ -19,7 +19,8 @@ from ledger.state import BinStatus, Fleet, Robot
 
 BINS_MAX = 50  # of one robot
 NAME_CHARS_MAX = 100
-ROBOTS_MAX = 10_000  # named or made by one call
+ROBOTS_MAX = 10_000  # named by one call, or in one scene file
+SERIES_MAX = 1_000
 NAME_CHARS_BARRED = frozenset("/*$?#")  # they mean something in the keys of the bus
 
 
@@ -102,8 +103,8 @@ def create_series(fleet: Fleet, command: CreateRobotSeries) -> Decision:
     A name that is taken refuses the call, rather than giving numbers that nobody expects.
     """
     scene = scene_of(fleet, command.scene)
-    if not 1 <= command.count <= ROBOTS_MAX:
-        message = f"Field 'count' must be from 1 to {ROBOTS_MAX}."
+    if not 1 <= command.count <= SERIES_MAX:
+        message = f"Field 'count' must be from 1 to {SERIES_MAX}."
         raise Rejected(Reason.TOO_MANY, message, command.count)
     width = max(2, len(str(command.count)))
     hosts = _hosts(command.pattern.host, command.count)

@@ -1,8 +1,6 @@
 """Scenes: taken from files, updated by changed files, configured."""
 
 import hashlib
-from collections import Counter
-from collections.abc import Sequence
 
 import msgspec
 
@@ -11,11 +9,9 @@ from commands.command import Command, Decision, scene_of
 from commands.rejected import Reason, Rejected
 from ledger.events import SceneConfigured, SceneImported, SceneMapReplaced
 from ledger.ids import SceneId
-from ledger.scene import Area, Scene, SceneFile
+from ledger.scene import Scene, SceneFile
 from ledger.scene_config import ChargingLevels, SceneConfig
 from ledger.state import Fleet
-
-NAME_CHARS_MAX = 200
 
 
 def scene_digest(file: SceneFile) -> str:
@@ -28,7 +24,7 @@ class ImportScene(Command, frozen=True, kw_only=True):
 
     scene: SceneId  # id of the scene if it turns out to be new
     digest: str  # scene_digest of the file
-    file: SceneFile
+    file: SceneFile  # as a reader of commands.imports gave it, which has checked its references
 
 
 def import_scene(fleet: Fleet, command: ImportScene) -> Decision:
@@ -41,7 +37,7 @@ def import_scene(fleet: Fleet, command: ImportScene) -> Decision:
     for scene in fleet.scenes.values():
         if scene.digest == command.digest:
             return Decision(made=scene.id)
-    _check_file(file)
+    _check_levels(file.config)
     for scene in fleet.scenes.values():
         if scene.name == file.name:
             return _update(fleet, scene, command)
@@ -79,47 +75,6 @@ def _update(fleet: Fleet, scene: Scene, command: ImportScene) -> Decision:
     new = tuple(config for config in file.robots if config.name not in present)
     joined = robots.added(fleet, scene.id, file.groups, new)
     return Decision(events=(replaced, *joined), made=scene.id)
-
-
-def _check_file(file: SceneFile) -> None:
-    """Refuse what no part could work with; `fleetledger scene check` looks deeper."""
-    if not file.name.strip() or len(file.name) > NAME_CHARS_MAX:
-        raise _unusable(f"Field 'name' must have 1 to {NAME_CHARS_MAX} characters")
-    if not file.areas:
-        raise _unusable("Field 'areas' must not be empty")
-    if not file.groups:
-        raise _unusable("Field 'groups' must not be empty")
-    lists: dict[str, Sequence[object]] = {
-        "area id": [area.id for area in file.areas],
-        "point": [point.name for area in file.areas for point in area.points],
-        "bin": [b.name for area in file.areas for b in area.bins],
-        "group id": [group.id for group in file.groups],
-        "group": [group.name for group in file.groups],
-        "container type": [kind.name for kind in file.container_types],
-        "robot": [robot.name for robot in file.robots],
-    }
-    for what, names in lists.items():
-        repeated = [name for name, times in Counter(names).items() if times > 1]
-        if repeated:
-            raise _unusable(f"The {what} '{repeated[0]}' stands in the file more than once")
-    for area in file.areas:
-        _check_area(area)
-    _check_levels(file.config)
-
-
-def _check_area(area: Area) -> None:
-    points = {point.name for point in area.points}
-    for path in area.paths:
-        for end in (path.start, path.end):
-            if end not in points:
-                raise _unusable(f"Path '{path.key}' of area '{area.name}' lacks point '{end}'")
-    for place in area.bins:
-        if place.point not in points:
-            raise _unusable(f"Bin '{place.name}' of area '{area.name}' lacks '{place.point}'")
-
-
-def _unusable(message: str) -> Rejected:
-    return Rejected(Reason.SCENE_UNUSABLE, f"{message}.")
 
 
 class ConfigureScene(Command, frozen=True, kw_only=True):

@@ -1,0 +1,133 @@
+"""From a command to its HTTP answer: durable first, and the same answer to a repeated key."""
+
+import asyncio
+import hashlib
+from collections.abc import Awaitable, Callable
+from typing import Any, NamedTuple
+
+import msgspec
+from starlette.requests import Request
+from starlette.responses import Response
+
+from commands.command import Decision
+from commands.decide import AnyCommand
+from commands.handle import Handler, Reply
+from commands.rejected import Reason, Rejected
+from ledger.ids import CommandId, SceneId
+
+KEY_HEADER = "Idempotency-Key"
+KEY_CHARS_MAX = 200
+POSITION_HEADER = "X-Ledger-Position"
+DIGEST_INLINE_BYTES_MAX = 1_000_000  # hashing more than this would hold up everybody
+
+Durable = Callable[[int], Awaitable[None]]  # waits until a position is on disk and visible
+Words = Callable[[Decision], bytes]  # the body of the answer to what was decided
+
+KEY_PARAMETER: dict[str, Any] = {
+    "name": KEY_HEADER,
+    "in": "header",
+    "required": False,
+    "schema": {"type": "string", "minLength": 1, "maxLength": KEY_CHARS_MAX},
+    "description": "A repeated key gets the first answer and nothing happens twice; "
+    "a key belongs to its caller and to one request. Malformed requests use no key up.",
+}
+SCENE_PARAMETER: dict[str, Any] = {
+    "name": "sceneId",
+    "in": "path",
+    "required": True,
+    "schema": {"type": "string"},
+    "description": "Scene id.",
+}
+
+
+class Asked(NamedTuple):
+    """Who asks, when, and by which id the command will be known."""
+
+    id: CommandId
+    by: str
+    at_ms: int
+
+
+def nothing(_: Decision) -> bytes:
+    """Answer without a body, where the specification says the response is none."""
+    return b""
+
+
+class Answering:
+    """What the calls of every dialect share."""
+
+    def __init__(self, handler: Handler, durable: Durable) -> None:
+        """Take who decides, and how to wait for the disk."""
+        self.handler = handler
+        self._durable = durable
+
+    def asked(self, request: Request) -> Asked:
+        """Read the head of a command: with a key its id is the key, within its caller's own."""
+        by = request.state.user
+        key = request.headers.get(KEY_HEADER)
+        if key is None:
+            return Asked(CommandId(self.handler.new_id()), by, self.handler.now_ms())
+        if not key.strip() or len(key) > KEY_CHARS_MAX:
+            message = f"Header '{KEY_HEADER}' must have 1 to {KEY_CHARS_MAX} characters."
+            raise Rejected(Reason.KEY_INVALID, message)
+        return Asked(CommandId(f"{by}/{key}"), by, self.handler.now_ms())
+
+    async def answer(self, request: Request, command: AnyCommand, words: Words) -> Response:
+        """Decide, wait until it is on disk, answer."""
+        if KEY_HEADER not in request.headers:
+            decision = self.handler.handle(command)
+            await self._durable(decision.position)
+            return _response(200, words(decision), decision.position)
+
+        def reply(outcome: Decision | Rejected) -> Reply:
+            if isinstance(outcome, Rejected):
+                return Reply(status=outcome.status, body=_refusal(outcome))
+            return Reply(status=200, body=words(outcome).decode())
+
+        digest = await _digest(request)
+        answered = self.handler.handle_once(command, digest, reply)
+        await self._durable(answered.position)
+        given = answered.reply
+        return _response(given.status, given.body.encode(), answered.position)
+
+    async def settled(self) -> int:
+        """Wait until the newest state is on disk; give its position."""
+        position = self.handler.fleet.position
+        await self._durable(position)
+        return position
+
+
+def scene_id(request: Request) -> SceneId:
+    """Read the scene of the path."""
+    return SceneId(request.path_params["sceneId"])
+
+
+def json_response(body: object, position: int) -> Response:
+    """Answer a query of the command side."""
+    return _response(200, msgspec.json.encode(body), position)
+
+
+def _response(status: int, body: bytes, position: int) -> Response:
+    return Response(
+        body,
+        status,
+        {POSITION_HEADER: str(position)},
+        "application/json" if body else None,
+    )
+
+
+def _refusal(no: Rejected) -> str:
+    """ErrorBody of spec/m4.md."""
+    body = {"code": no.code, "message": no.message, "args": list(no.arguments)}
+    return msgspec.json.encode(body).decode()
+
+
+async def _digest(request: Request) -> str:
+    """Tell requests apart: method, path and body."""
+    body = await request.body()
+    start = hashlib.sha256(f"{request.method} {request.url.path}\n".encode())
+    if len(body) > DIGEST_INLINE_BYTES_MAX:
+        await asyncio.to_thread(start.update, body)
+    else:
+        start.update(body)
+    return start.hexdigest()

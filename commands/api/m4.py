@@ -1,0 +1,22 @@
+"""The write side of the M4 dialect."""
+
+from fastapi import APIRouter
+from fastapi.routing import APIRoute
+
+from commands.api.answering import Answering, Durable
+from commands.api.m4_order_calls import OrderCalls
+from commands.api.m4_robot_calls import RobotCalls
+from commands.handle import Handler
+
+
+def router(handler: Handler, durable: Durable, route_class: type[APIRoute]) -> APIRouter:
+    """Give the calls that change something.
+
+    The route class hands an endpoint its Request and its checked body and passes the Response on;
+    `request.state.user` must hold the caller's name.
+    """
+    calls = APIRouter(route_class=route_class)
+    answering = Answering(handler, durable)
+    OrderCalls(answering).join(calls)
+    RobotCalls(answering).join(calls)
+    return calls

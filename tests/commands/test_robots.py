@@ -1,0 +1,174 @@
+import pytest
+
+from commands.rejected import Reason
+from commands.robots import (
+    ClearRobotBins,
+    CreateRobots,
+    CreateRobotSeries,
+    DisableRobots,
+    RemoveRobots,
+    SendRobotsOffDuty,
+)
+from ledger.events import (
+    OrderCancelled,
+    RobotAdded,
+    RobotBinsCleared,
+    RobotDisabled,
+    RobotEnabled,
+    RobotRemoved,
+    RobotWentOffDuty,
+    RobotWentOnDuty,
+)
+from ledger.ids import RobotName
+from ledger.scene import ConnectionType, RobotConfig
+from ledger.state import BinStatus
+from tests.commands.site import (
+    BINS,
+    ORDER,
+    R1,
+    R2,
+    SCENE,
+    assigned,
+    created,
+    finished,
+    opened,
+    started,
+    task,
+)
+from tests.scenario import ask, given
+
+R9 = RobotName("R9")
+
+
+def config(name: str = "AMB-01", **fields: object) -> RobotConfig:
+    return RobotConfig(name=RobotName(name), **fields)
+
+
+def create(*robots: RobotConfig) -> object:
+    return ask(CreateRobots, scene=SCENE, robots=robots)
+
+
+def test_robots_join_their_scene_with_empty_bins() -> None:
+    both = (config(bin_count=3), config("AMB-02", group=1))
+    events = tuple(RobotAdded(scene=SCENE, config=c) for c in both)
+    fleet = given(*opened()).when(create(*both)).then(*events)
+    assert [b.status for b in fleet.robots[f"{SCENE}/AMB-01"].bins] == [BinStatus.EMPTY] * 3
+
+
+@pytest.mark.parametrize(
+    ("robots", "reason", "word"),
+    [
+        ((config(""),), Reason.ROBOT_NAME_INVALID, "robotName"),
+        ((config(" A"),), Reason.ROBOT_NAME_INVALID, "robotName"),
+        ((config("a/b"),), Reason.ROBOT_NAME_INVALID, "robotName"),
+        ((config("a\n"),), Reason.ROBOT_NAME_INVALID, "robotName"),
+        ((config("a" * 101),), Reason.ROBOT_NAME_INVALID, "100"),
+        ((config("R1"),), Reason.ROBOT_NAME_TAKEN, "R1"),
+        ((config(), config()), Reason.ROBOT_NAME_TAKEN, "AMB-01"),
+        ((config(group=7),), Reason.GROUP_UNKNOWN, "groupId"),
+        ((config(bin_count=0),), Reason.ROBOT_CONFIG_INVALID, "selfBinNum"),
+        ((config(bin_count=51),), Reason.ROBOT_CONFIG_INVALID, "selfBinNum"),
+        ((config(port_first=0),), Reason.ROBOT_CONFIG_INVALID, "robotPortStart"),
+        (
+            (config(connection=ConnectionType.FLEET_TO_ROBOT, simulated=True),),
+            Reason.ROBOT_CONFIG_INVALID,
+            "robotIp",
+        ),
+        ((config(connection=ConnectionType.GATEWAY),), Reason.ROBOT_CONFIG_INVALID, "gwAuthId"),
+        (
+            (config(connection=ConnectionType.GATEWAY, gateway_user="u"),),
+            Reason.ROBOT_CONFIG_INVALID,
+            "gwAuthSecret",
+        ),
+    ],
+)
+def test_one_bad_robot_keeps_all_out(
+    robots: tuple[RobotConfig, ...], reason: Reason, word: str
+) -> None:
+    asked = create(config("good"), *robots)
+    given(*opened(R1)).when(asked).rejected(reason, word)
+
+
+def series(count: int, **fields: object) -> object:
+    pattern = config("", **fields)
+    return ask(CreateRobotSeries, scene=SCENE, prefix="AMB", count=count, pattern=pattern)
+
+
+def test_a_series_has_numbered_names_and_consecutive_addresses() -> None:
+    asked = series(2, host="192.168.10.255", port_first=19204)
+    given(*opened()).when(asked).then(
+        RobotAdded(scene=SCENE, config=config("AMB-01", host="192.168.10.255", port_first=19204)),
+        RobotAdded(scene=SCENE, config=config("AMB-02", host="192.168.11.0", port_first=19204)),
+    )
+
+
+def test_numbers_are_as_wide_as_the_count() -> None:
+    outcome = given(*opened()).when(series(100))
+    names = [event.config.name for event in outcome.decision.events]
+    assert (names[0], names[-1]) == ("AMB-001", "AMB-100")
+
+
+def test_a_series_that_cannot_be_made_whole_is_not_made() -> None:
+    story = given(*opened(RobotName("AMB-02")))
+    story.when(series(3)).rejected(Reason.ROBOT_NAME_TAKEN, "AMB-02")
+    story.when(series(0)).rejected(Reason.TOO_MANY, "count")
+    story.when(series(1001)).rejected(Reason.TOO_MANY, "count")
+    last = series(2, host="255.255.255.255")
+    given(*opened()).when(last).rejected(Reason.ROBOT_CONFIG_INVALID, "robotIpStart")
+    named = series(1, host="robot.local")
+    given(*opened()).when(named).rejected(Reason.ROBOT_CONFIG_INVALID, "robotIpStart")
+
+
+def test_robots_without_orders_can_be_removed() -> None:
+    asked = ask(RemoveRobots, scene=SCENE, robots=(R1, R2, R1))
+    fleet = (
+        given(*opened(R1, R2))
+        .when(asked)
+        .then(RobotRemoved(scene=SCENE, robot=R1), RobotRemoved(scene=SCENE, robot=R2))
+    )
+    assert not fleet.robots
+
+
+def test_robots_with_orders_stay_and_so_do_the_others() -> None:
+    past = (*opened(R1, R2), created(ORDER, task()), assigned())
+    asked = ask(RemoveRobots, scene=SCENE, robots=(R2, R1))
+    given(*past).when(asked).rejected(Reason.ROBOT_HAS_ORDERS, R1, ORDER)
+    asked = ask(RemoveRobots, scene=SCENE, robots=(R2, R9))
+    given(*past).when(asked).rejected(Reason.ROBOT_UNKNOWN, R9)
+
+
+def test_disabling_is_for_all_or_for_none_and_only_news_is_stated() -> None:
+    disable = ask(DisableRobots, scene=SCENE, robots=(R1, R2), disabled=True)
+    enable = ask(DisableRobots, scene=SCENE, robots=(R1, R2), disabled=False)
+    disabled = RobotDisabled(scene=SCENE, robot=R1)
+    past = (*opened(R1, R2), disabled)
+    given(*past).when(disable).then(RobotDisabled(scene=SCENE, robot=R2))
+    given(*past).when(enable).then(RobotEnabled(scene=SCENE, robot=R1))
+    asked = ask(DisableRobots, scene=SCENE, robots=(R2, R9), disabled=True)
+    given(*past).when(asked).rejected(Reason.ROBOT_UNKNOWN, "robotNames")
+
+
+def test_going_off_duty_is_each_robots_own_matter() -> None:
+    asked = ask(SendRobotsOffDuty, scene=SCENE, robots=(R1, R9), off_duty=True)
+    off = RobotWentOffDuty(scene=SCENE, robot=R1)
+    given(*opened(R1)).when(asked).refused(R9=Reason.ROBOT_UNKNOWN).then(off)
+    given(*opened(R1), off).when(asked).refused(R9=Reason.ROBOT_UNKNOWN).nothing()
+    back = ask(SendRobotsOffDuty, scene=SCENE, robots=(R1,), off_duty=False)
+    given(*opened(R1), off).when(back).then(RobotWentOnDuty(scene=SCENE, robot=R1))
+
+
+def test_only_what_a_cancelled_order_left_behind_is_cleared() -> None:
+    past = (*opened(R1), created(ORDER, task(BINS[0], loads=True), task()))
+    loaded = (*past, assigned(), started(), finished())
+    asked = ask(ClearRobotBins, scene=SCENE, robots=(R1, R9))
+    refused = {"R9": Reason.ROBOT_UNKNOWN}
+    given(*loaded).when(asked).refused(**refused).nothing()
+    left = (*loaded, OrderCancelled(scene=SCENE, order=ORDER))
+    story = given(*left).when(asked).refused(**refused)
+    fleet = story.then(RobotBinsCleared(scene=SCENE, robot=R1))
+    assert fleet.robots[f"{SCENE}/{R1}"].bins[0].status is BinStatus.EMPTY
+
+
+def test_a_scene_must_exist_for_robots() -> None:
+    asked = ask(RemoveRobots, scene="S", robots=())
+    given(*opened()).when(asked).rejected(Reason.SCENE_UNKNOWN)
