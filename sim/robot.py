@@ -9,78 +9,20 @@ from collections import deque
 from itertools import pairwise
 from math import hypot, pi, sqrt
 
-import msgspec
-
-from ledger.ids import PointName, RobotName, SceneId
+from ledger.ids import PointName
 from ledger.link import Alarm, AlarmLevel, Drive, Mark, Piece
-from ledger.scene import Kinematics
 from sim.actions import Actions
-from sim.curves import Track, pose, track, wrapped
+from sim.curves import pose, wrapped
+from sim.legs import ALIGN_RAD, Body, Leg, joined
 
 JOIN_M = 0.05  # a route may jump by this much between two pieces, for maps are not exact
-ALIGN_RAD = 0.1  # a kink up to this is driven through; a sharper one is a stop and a turn in place
-CURVE_SPEED_MPS_MIN = 0.1  # also in a bend that is too sharp for the limit of rotation
 PIECES_MAX = 1000  # outstanding ones
 LEGS_PER_STEP_MAX = 100
+PAST_MAX = 16  # former sessions remembered
 
 DRIVE_PER_M = 1.0 / 25_000  # share of the battery: about eight hours of steady driving
 REST_PER_S = 1.0 / 86_400  # electronics alone: a day
 CHARGE_PER_S = 1.0 / 3_600
-
-
-class Body(msgspec.Struct, frozen=True, kw_only=True):
-    """What a robot is, as far as it does not change while it drives."""
-
-    scene: SceneId
-    name: RobotName
-    area: int
-    map_name: str
-    map_digest: str
-    kinematics: Kinematics
-    radius_m: float  # of the circle round the reference point that holds the footprint
-    chargers: frozenset[PointName]
-
-
-class Leg:
-    """A piece of the route being driven, with the speeds that the road ahead allows."""
-
-    __slots__ = (
-        "acceleration",
-        "exit",
-        "joined",
-        "length",
-        "piece",
-        "speed_max",
-        "stop",
-        "track",
-        "whole",
-    )
-
-    def __init__(self, piece: Piece, kinematics: Kinematics) -> None:
-        self.piece = piece
-        self.length = piece.length_m
-        self.stop = 0.0  # how far the authority reaches in it
-        self.whole = False  # it reaches to the end
-        self.exit = 0.0  # speed allowed at `stop`
-        self.joined = False  # entered without a stop
-        self.track: Track | None = None
-        if piece.path is None:
-            self.speed_max = kinematics.turn_radps_max
-            self.acceleration = kinematics.turn_radps2_max
-            return
-        self.track = track(piece.curve)
-        speed = min(kinematics.speed_mps_max, piece.speed_mps_max or kinematics.speed_mps_max)
-        if self.track.curvature_max > 0.0:
-            bend = kinematics.turn_radps_max / self.track.curvature_max
-            speed = min(speed, max(bend, CURVE_SPEED_MPS_MIN))
-        own = kinematics.acceleration_mps2_max
-        self.speed_max = speed
-        self.acceleration = min(own, piece.acceleration_mps2_max or own)
-
-    def heading_at_start(self) -> float:
-        """Heading of the robot that drives this path, at its start."""
-        assert self.track is not None
-        return self.track.headings_rad[0] + (pi if self.piece.backward else 0.0)
 
 
 class SimRobot:
@@ -102,6 +44,7 @@ class SimRobot:
         "legs",
         "number",
         "odometer_m",
+        "past",
         "point",
         "session",
         "settled_m",
@@ -117,6 +60,7 @@ class SimRobot:
     def __init__(self, body: Body, session: str, place: tuple[float, float, float]) -> None:
         self.body = body
         self.session = session
+        self.past: deque[str] = deque(maxlen=PAST_MAX)  # sessions before this one
         self.x, self.y, self.heading = place  # at the end of the newest whole leg
         self.point: PointName | None = None  # likewise
         self.legs: deque[Leg] = deque()  # outstanding ones, the current one first
@@ -160,9 +104,9 @@ def own(robot: SimRobot, leg: Leg) -> bool:
 def drive(robot: SimRobot, message: Drive) -> None:
     """Append to the route and move the authority forward; what is known already is harmless.
 
-    A message of another session is meant for a route that this robot has never had.
+    A new session begins a new route where the robot stands; see `_new_session`.
     """
-    if message.session != robot.session:
+    if message.session != robot.session and not _new_session(robot, message.session):
         return
     last = robot.legs[-1].piece if robot.legs else None
     number = max(robot.done.piece, last.number if last is not None else 0)
@@ -177,12 +121,31 @@ def drive(robot: SimRobot, message: Drive) -> None:
             break
         robot.alarms.pop("RouteBroken", None)
         leg = Leg(piece, robot.body.kinematics)
-        leg.joined = bool(robot.legs) and _joined(robot.legs[-1], leg)
+        leg.joined = bool(robot.legs) and joined(robot.legs[-1], leg)
         robot.legs.append(leg)
         number = piece.number
     robot.authority = max(robot.authority, message.authority)
     look_ahead(robot)
     robot.changed = robot.awake = True
+
+
+def _new_session(robot: SimRobot, session: str) -> bool:
+    """Forget the route for a new one that the dispatcher opens.
+
+    Not for a session of the past, whose messages may come late, and not while there is ground
+    ahead that may be driven: nobody but the robot knows where in it that would make it stop.
+    """
+    if session in robot.past or robot.speed > 0.0 or has_way(robot):
+        return False
+    robot.point = stands_on(robot)
+    robot.x, robot.y, robot.heading, _ = place(robot)
+    robot.past.append(robot.session)
+    robot.session = session
+    robot.legs.clear()
+    robot.along = 0.0
+    robot.done = robot.authority = Mark()
+    robot.commit = 0
+    return True
 
 
 def _problem(robot: SimRobot, piece: Piece, number: int) -> str | None:
@@ -199,17 +162,10 @@ def _problem(robot: SimRobot, piece: Piece, number: int) -> str | None:
     return None
 
 
-def _joined(before: Leg, leg: Leg) -> bool:
-    if before.track is None or leg.track is None or before.piece.backward != leg.piece.backward:
-        return False
-    kink = wrapped(leg.track.headings_rad[0] - before.track.headings_rad[-1])
-    return abs(kink) <= ALIGN_RAD
-
-
 def resume_joins(robot: SimRobot) -> None:
     """Find out again which legs are entered without a stop, for a route taken from memory."""
     for before, leg in pairwise(robot.legs):
-        leg.joined = _joined(before, leg)
+        leg.joined = joined(before, leg)
 
 
 def look_ahead(robot: SimRobot) -> None:

@@ -3,7 +3,8 @@
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import ActionReport, Alarm, Mark, Piece
 from ledger.scene import Value
-from sim.robot import Body, Leg, SimRobot, look_ahead, resume_joins
+from sim.legs import Body, Leg
+from sim.robot import SimRobot, look_ahead, resume_joins
 
 SAVED_VERSION = 1
 
@@ -16,6 +17,7 @@ class SavedRobot(Value, frozen=True, kw_only=True):
     area: int
     map_digest: str
     session: str
+    past: tuple[str, ...]
     x_m: float
     y_m: float
     heading_rad: float
@@ -61,6 +63,7 @@ def saved(robot: SimRobot) -> SavedRobot:
         area=robot.body.area,
         map_digest=robot.body.map_digest,
         session=robot.session,
+        past=tuple(robot.past),
         x_m=robot.x,
         y_m=robot.y,
         heading_rad=robot.heading,
@@ -92,6 +95,7 @@ def saved(robot: SimRobot) -> SavedRobot:
 def restored(body: Body, memory: SavedRobot) -> SimRobot:
     """Make the robot that goes on as the saved one would have."""
     robot = SimRobot(body, memory.session, (memory.x_m, memory.y_m, memory.heading_rad))
+    robot.past.extend(memory.past)
     robot.point = memory.point
     robot.legs.extend(Leg(piece, body.kinematics) for piece in memory.pieces)
     robot.done = memory.done

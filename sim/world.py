@@ -10,9 +10,10 @@ from ledger.ids import RobotKey, RobotName, SceneId, robot_key
 from ledger.link import Act, Cancel, Drive, Report, TellRoute, ToRobot
 from ledger.scene import Group, RobotConfig, Scene, Value
 from sim.actions import CHARGE
+from sim.legs import Body
 from sim.placement import Ground, Place, free_place, radius_m
 from sim.reporting import report
-from sim.robot import Body, SimRobot, drive, settle, stands_on, step
+from sim.robot import SimRobot, drive, settle, stands_on, step
 from sim.saving import SAVED_VERSION, SavedRobot, SavedWorld, restored, saved
 
 STEP_S_MAX = 0.2  # longer ones are cut: speed changes evenly within one
@@ -70,7 +71,11 @@ class World:
         found = free_place(grounds, radius_m(group), others, preferred)
         if found is None:
             return False
-        self._robots[key] = self._new_robot(scene, config, found, at_ms)
+        robot = self._robots[key] = self._new_robot(scene, config, found, at_ms)
+        if memory is not None:
+            robot.battery, robot.odometer_m = memory.battery_ratio, memory.odometer_m
+            robot.settled_m = memory.settled_m
+            robot.today, robot.today_m = memory.today, memory.today_m
         return True
 
     def _new_robot(self, scene: Scene, config: RobotConfig, place: Place, at_ms: int) -> SimRobot:

@@ -8,7 +8,8 @@ from ledger.ids import PathKey, PointName, RobotName, SceneId
 from ledger.link import Drive, Mark, Piece
 from ledger.scene import XY, Kinematics
 from sim.curves import track, wrapped
-from sim.robot import Body, SimRobot
+from sim.legs import Body
+from sim.robot import SimRobot
 
 ROBOT = RobotName("AMB-01")
 KINEMATICS = Kinematics()

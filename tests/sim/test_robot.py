@@ -2,11 +2,12 @@
 
 from math import pi
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ledger.link import Mark, Piece
+from ledger.link import Drive, Mark, Piece
 from sim.curves import wrapped
 from sim.robot import SimRobot, drive, has_way, place, step
 from tests.sim.routes import (
@@ -178,11 +179,36 @@ def test_authority_never_shrinks() -> None:
     assert robot.authority == Mark(piece=1, along_m=4.0)
 
 
-def test_a_route_of_another_session_is_not_driven() -> None:
+def of_session(session: str, drive: Drive) -> Drive:
+    return msgspec.structs.replace(drive, session=session)
+
+
+def test_a_new_session_begins_a_new_route_where_the_robot_stands() -> None:
     robot = robot_at_origin()
-    robot.session = "newer"
-    drive(robot, told([straight(1, 0.0, 2.0)]))
-    assert not robot.legs
+    drive(robot, told([straight(1, 0.0, 2.0)], Mark(piece=1, along_m=0.5)))
+    run(robot)
+    drive(robot, of_session("newer", told([straight(1, 0.5, 2.0)])))
+    assert (robot.progress, robot.session) == (Mark(), "newer")
+    run(robot)
+    assert place(robot)[:3] == (2.0, 0.0, 0.0)
+    assert robot.point == "P1"
+
+
+def test_a_moving_robot_keeps_its_session() -> None:
+    robot = robot_at_origin()
+    drive(robot, told([straight(1, 0.0, 4.0)]))
+    step(robot, 0.1)
+    drive(robot, of_session("newer", told([straight(1, 0.0, 2.0)])))
+    run(robot)
+    assert (robot.progress, robot.session) == (Mark(piece=1, along_m=4.0), "session")
+
+
+def test_a_late_message_of_a_past_session_is_not_heard() -> None:
+    robot = robot_at_origin()
+    drive(robot, of_session("newer", told([straight(1, 0.0, 2.0)])))
+    run(robot)
+    drive(robot, told([straight(1, 2.0, 4.0)]))
+    assert (robot.session, has_way(robot)) == ("newer", False)
 
 
 @pytest.mark.parametrize(
