@@ -1,8 +1,12 @@
 """The one source of time: epoch milliseconds, perhaps faster than the wall, never back."""
 
+import asyncio
 import time
+from pathlib import Path
 
 import msgspec
+
+KEEP_S = 1.0  # so often a scaled clock's time is written down
 
 
 class Clock(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,3 +49,23 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
         """Read what `text` wrote."""
         base_ms, started_ns, speed = text.split(":")
         return cls(base_ms=int(base_ms), started_ns=int(started_ns), speed=float(speed))
+
+
+def kept_time_ms(data: Path) -> int:
+    """Read the time that no process of the last run has passed; 0 where nothing is kept."""
+    path = data / "clock"
+    return int(path.read_text()) if path.exists() else 0
+
+
+async def keep_time(data: Path, clock: Clock) -> None:
+    """Write down how far time may get before the next writing, until cancelled.
+
+    Reports carry times between events, so the newest event alone does not tell where a scaled
+    clock was; with this it never goes back over a restart (contract).
+    """
+    path, fresh = data / "clock", data / "clock.new"
+    while True:
+        ahead_ms = int(2 * KEEP_S * 1000 * clock.speed) if clock.speed > 1 else 0
+        fresh.write_text(str(clock.now_ms() + ahead_ms))
+        fresh.replace(path)
+        await asyncio.sleep(KEEP_S)

@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from ledger.errors import LedgerError
 from ledger.events import AnyEvent
 
-WAIT_S_MAX = 5.0  # X-Wait-Position (contract)
-
 
 class Durability:
     """Applies each commit on the event loop, in order, and wakes those who wait for it.
@@ -31,7 +29,6 @@ class Durability:
         self._commits: deque[Sequence[AnyEvent]] = deque()
         self._woken = False
         self._waiters: deque[tuple[int, asyncio.Future[None]]] = deque()  # by position
-        self._late: list[tuple[int, asyncio.Future[bool]]] = []  # of positions not yet given out
         self._failure: LedgerError | None = None
 
     def heard(self, events: Sequence[AnyEvent]) -> None:
@@ -57,11 +54,6 @@ class Durability:
             waiter = self._waiters.popleft()[1]
             if not waiter.done():  # its client may have gone
                 waiter.set_result(None)
-        if self._late:
-            for position, late in self._late:
-                if position <= self.position and not late.done():
-                    late.set_result(True)
-            self._late = [(p, f) for p, f in self._late if not f.done()]
 
     def _fail(self, failure: LedgerError) -> None:
         self._failure = failure
@@ -80,13 +72,7 @@ class Durability:
         self._waiters.append((position, waiter))  # positions are given out in rising order
         await waiter
 
-    async def comes(self, position: int) -> bool:
-        """Wait a while for a position that may lie ahead of all that is known."""
-        if position <= self.position:
-            return True
-        waiter: asyncio.Future[bool] = self._loop.create_future()
-        self._late.append((position, waiter))
-        try:
-            return await asyncio.wait_for(waiter, WAIT_S_MAX)
-        except TimeoutError:
-            return False
+    @property
+    def idle(self) -> bool:
+        """Tell that nobody waits for the disk."""
+        return not self._waiters

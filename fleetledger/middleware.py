@@ -13,8 +13,14 @@ from fleetledger.http import BODY_BYTES_MAX, SCENE_BYTES_MAX, error
 POSITION_HEADER = "X-Ledger-Position"
 WAIT_HEADER = "X-Wait-Position"
 SCENE_IMPORT_PATH = "/api/fleet/scenes/import"
-OPEN_PATHS = ("/", "/api/ping", "/favicon.ico")  # no key needed: they tell nothing of the plant
-OPEN_FOLDERS = ("/console/",)
+OPEN_PATHS = (
+    "/",
+    "/api/ping",
+    "/favicon.ico",
+    "/docs",
+    "/openapi.json",
+)  # tell nothing of the plant
+OPEN_FOLDERS = ("/console/", "/static-offline-docs/")
 
 CALLS = Counter("fleetledger_http_calls", "HTTP calls", ["method", "route", "status"])
 SECONDS = Histogram(

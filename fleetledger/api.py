@@ -1,0 +1,90 @@
+"""One application of all dialects: routes, documentation, errors, metrics, the gate around it."""
+
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+import msgspec
+from fastapi import APIRouter, FastAPI
+from fastapi_offline import FastAPIOffline
+from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
+from starlette.requests import Request
+from starlette.responses import Response
+
+from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER, Keys
+from fleetledger.http import ErrorBody, ThinRoute, install_errors
+from fleetledger.middleware import Gate
+
+TITLE = "Fleetledger"
+DESCRIPTION = """Dispatches fleets of mobile robots and never forgets.
+
+What a command's answer acknowledges is on disk, and so is all that a query shows.
+Every answer carries `X-Ledger-Position`; a query with `X-Wait-Position` answers not before that
+position is readable. Commands take an `Idempotency-Key`; queries take `asOf`, a past moment.
+"""
+
+
+def build(
+    routers: Sequence[APIRouter],
+    *,
+    keys: Keys | None,
+    position: Callable[[], int],
+    wait: Callable[[int], Awaitable[bool]],
+) -> FastAPI:
+    """Put the dialects' routes together; `keys` is None where the API is open (loopback only)."""
+    app = FastAPIOffline(title=TITLE, description=DESCRIPTION, version="0.1.0", redoc_url=None)
+    install_errors(app)
+    app.include_router(_own())
+    for router in routers:
+        app.include_router(router)
+    app.add_middleware(Gate, keys=keys, position=position, wait=wait)
+    plain = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _true_to_the_gate(plain())
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign] # FastAPI's documented way
+    return app
+
+
+def _own() -> APIRouter:
+    router = APIRouter(route_class=ThinRoute, tags=["server"])
+
+    @router.get("/api/ping")
+    async def ping(request: Request) -> Response:
+        """Answer once the server is ready; `id` is the caller's, empty without a key."""
+        body = {"id": request.state.user}
+        return Response(msgspec.json.encode(body), media_type="application/json")
+
+    @router.get("/metrics", response_class=Response)
+    async def metrics(request: Request) -> Response:
+        """Figures for Prometheus."""
+        return Response(generate_latest(), media_type=CONTENT_TYPE_LATEST)
+
+    return router
+
+
+def _true_to_the_gate(document: dict[str, Any]) -> dict[str, Any]:
+    """Say what the gate does: keys, and errors of one shape instead of FastAPI's 422."""
+    components = document.setdefault("components", {})
+    components.setdefault("schemas", {})["ErrorBody"] = ErrorBody.model_json_schema()
+    for name in ("HTTPValidationError", "ValidationError"):
+        components["schemas"].pop(name, None)
+    components["securitySchemes"] = {
+        "appId": {"type": "apiKey", "in": "header", "name": APP_ID_HEADER},
+        "appKey": {"type": "apiKey", "in": "header", "name": APP_KEY_HEADER},
+    }
+    document["security"] = [{"appId": [], "appKey": []}]
+    refusal = {
+        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/ErrorBody"}}}
+    }
+    for item in document["paths"].values():
+        for operation in item.values():
+            responses = operation["responses"]
+            responses.pop("422", None)
+            responses.setdefault("400", {"description": "Wrong input: nothing happened"} | refusal)
+            responses.setdefault("401", {"description": "No valid key"} | refusal)
+            if "requestBody" in operation:
+                responses.setdefault("413", {"description": "Body too large"} | refusal)
+    return document

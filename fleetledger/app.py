@@ -1,0 +1,293 @@
+"""Composition root of the core process: opens everything in order, and closes it in reverse."""
+
+import asyncio
+import secrets
+import socket
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from functools import partial
+from pathlib import Path
+
+import structlog
+import uvicorn
+from fastapi import FastAPI
+from prometheus_client import Gauge
+
+import commands.api.m4
+import commands.api.scenes
+import projections.api.m4
+import projections.api.rdscore
+import replay.api
+from commands.handle import Handler
+from commands.imports.scene_json import read_scene
+from commands.scenes import ImportScene, scene_digest
+from fleetledger.access import Keys
+from fleetledger.api import build
+from fleetledger.clock import Clock, keep_time, kept_time_ms
+from fleetledger.collector import collect_when_idle, tame
+from fleetledger.config import Auth, Settings
+from fleetledger.durability import Durability
+from fleetledger.http import ThinRoute
+from fleetledger.intake import Intake
+from fleetledger.processes import Child
+from fleetledger.proposing import responder
+from ledger.bus import PROPOSE_KEY
+from ledger.errors import LedgerError
+from ledger.events import AnyEvent
+from ledger.feed import FeedServer
+from ledger.ids import CommandId, SceneId
+from ledger.moment import At
+from ledger.snapshot import restore, save
+from ledger.state import Fleet
+from ledger.store import FileLedger
+from ledger.telemetry import CHUNK_MS, TelemetryLog
+from ledger.telemetry_read import reports_at
+from ledger.zenoh_bus import ZenohBus
+from projections.find import Find
+from projections.history import History
+from projections.live import Live
+from projections.reading import Reader
+from replay.moment import Moments
+from replay.source import Source
+
+log = structlog.get_logger()
+
+POSITION = Gauge("fleetledger_ledger_position", "Newest position on disk")
+LIVE_ORDERS = Gauge("fleetledger_live_orders", "Orders not finished")
+BACKLOG = 2048
+KEEP_ALIVE_S = 65
+STOP_REQUESTS_S = 1  # for requests under way when told to stop; 5 s in all (contract)
+
+
+def new_id() -> str:
+    """Make an id like M4's: 24 hexadecimal digits."""
+    return secrets.token_hex(12).upper()
+
+
+class Core:
+    """What the core process holds while it runs."""
+
+    def __init__(self, settings: Settings, loop: asyncio.AbstractEventLoop) -> None:
+        """Open the ledger and fold it; raises LedgerError where that cannot be."""
+        self._settings = settings
+        self._loop = loop
+        settings.data.mkdir(parents=True, exist_ok=True)
+        self.ledger = FileLedger.open(settings.ledger)
+        fleet = restore(settings.ledger, settings.snapshots)
+        kept_ms = kept_time_ms(settings.data)
+        self.clock = Clock.start(max(fleet.at_ms + 1, kept_ms), settings.speed)
+        self.handler = Handler(fleet, self.ledger, self.clock.now_ms, new_id)
+        self.live = Live(fleet.copy())
+        self.history = History(settings.data / "history.duckdb", self.live)
+        self.durability = Durability(loop, self.ledger.durable, self._apply)
+        self.ledger.listen(self.durability.heard)
+        self.moments = Moments(settings.data, durable=lambda: self.live.position)
+        self._snapshot_position = fleet.position
+        self._snapshot: asyncio.Task[object] | None = None
+
+    def _apply(self, events: Sequence[AnyEvent]) -> None:
+        self.live.apply(events)
+        self.history.follow(events)
+        POSITION.set(self.live.position)
+        LIVE_ORDERS.set(len(self.live.fleet.orders))
+        if self.live.position - self._snapshot_position >= self._settings.snapshot_events:
+            self._snapshot_position = self.live.position
+            write = partial(save, self._settings.snapshots, self.live.fleet.copy())
+            self._snapshot = self._loop.create_task(asyncio.to_thread(write))
+
+    def visible_fleet(self) -> Fleet:
+        """Give a copy of what queries see; called on the bus's threads."""
+
+        async def copy() -> Fleet:
+            return self.live.fleet.copy()
+
+        return asyncio.run_coroutine_threadsafe(copy(), self._loop).result()
+
+    async def import_scene(self, path: Path) -> None:
+        """Take a scene file in; the same content again changes nothing."""
+        file = read_scene(path.read_bytes())
+        command = ImportScene(
+            id=CommandId(new_id()),
+            by="serve",
+            at_ms=self.clock.now_ms(),
+            scene=SceneId(new_id()),
+            digest=scene_digest(file),
+            file=file,
+        )
+        decision = self.handler.handle(command)
+        await self.durability.reached(decision.position)
+        log.info("scene", id=decision.made, name=file.name, events=len(decision.events))
+
+    async def close(self) -> None:
+        """Write what is queued, keep a snapshot for a quick start, and let the folder go."""
+        if self._snapshot is not None:
+            await self._snapshot
+        await asyncio.to_thread(self.ledger.close)
+        self.history.close()
+        if self.live.position > 0:
+            save(self._settings.snapshots, self.live.fleet)
+
+
+async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int], None]) -> int:
+    """Serve until told to stop, or until the ledger fails; gives the exit code.
+
+    `ready` is called with host and port once requests are answered.
+    """
+    loop = asyncio.get_running_loop()
+    core = Core(settings, loop)
+    failures: list[LedgerError] = []
+
+    def failed(failure: LedgerError) -> None:
+        failures.append(failure)
+        core.durability.failed(failure)
+        loop.call_soon_threadsafe(stop.set)
+
+    core.ledger.on_failure(failed)
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(core.close)
+        fleet_at = partial(_fleet_at, settings)
+        await asyncio.to_thread(core.history.start, core.ledger.read, fleet_at)
+        for path in settings.scene:
+            await core.import_scene(path)
+        keys = _keys(settings)
+        telemetry = TelemetryLog(
+            settings.telemetry, chunk_ms=int(CHUNK_MS * max(1.0, settings.speed))
+        )
+        stack.callback(telemetry.close)
+        endpoint = f"tcp/127.0.0.1:{_free_port()}"
+        bus = ZenohBus(endpoint, ())
+        stack.callback(bus.close)
+        intake = Intake(bus, loop, telemetry, core.live.observe, core.live.intend)
+        intake.start()
+        stack.callback(intake.stop)
+        FeedServer(bus, core.ledger, core.visible_fleet)
+        bus.respond(PROPOSE_KEY, responder(core.handler, core.ledger))
+        app = _api(core, settings, keys)
+        port = await stack.enter_async_context(_served(app, settings.host, settings.port))
+        await _serve_rdscore(stack, core, settings)
+        for child in _children(settings, core.clock, endpoint):
+            await child.start()
+            stack.push_async_callback(child.stop)
+        tame()
+        idle = asyncio.create_task(collect_when_idle(lambda: core.durability.idle))
+        stack.callback(idle.cancel)
+        keeping = asyncio.create_task(keep_time(settings.data, core.clock))
+        stack.callback(keeping.cancel)
+        ready(settings.host, port)
+        await stop.wait()
+        log.info("stopping", position=core.live.position)
+    for failure in failures:
+        log.critical("ledger failed", reason=str(failure), hint=failure.hint)
+    return 3 if failures else 0
+
+
+def _fleet_at(settings: Settings, position: int) -> Fleet:
+    return restore(settings.ledger, settings.snapshots, position=position)
+
+
+def _keys(settings: Settings) -> Keys | None:
+    if settings.auth is Auth.NONE:
+        return None
+    keys, new_key = Keys.open(settings.data)
+    if new_key is not None:
+        log.warning(
+            "first start: keep this key pair, it is not shown again",
+            **{"xyy-app-id": "fleetledger", "xyy-app-key": new_key},
+        )
+    return keys
+
+
+def _api(core: Core, settings: Settings, keys: Keys | None) -> FastAPI:
+    def moment(at_ms: int) -> Fleet:
+        return core.moments.fleet(At(at_ms=at_ms))
+
+    find = Find(core.live, Reader(core.history.cursor), moment, core.clock.now_ms)
+    source = Source(
+        settings.data,
+        core.moments,
+        now_ms=core.clock.now_ms,
+        live=lambda: core.live.fleet,
+        comes=core.live.wait,
+        reports=core.live.reports,
+        plans=core.live.plans,
+    )
+    routers = (
+        commands.api.m4.router(core.handler, core.durability.reached, ThinRoute),
+        commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute),
+        projections.api.m4.router(find, partial(reports_at, settings.telemetry), ThinRoute),
+        replay.api.router(source, ThinRoute),
+    )
+    return build(routers, keys=keys, position=lambda: core.live.position, wait=core.live.wait)
+
+
+async def _serve_rdscore(stack: AsyncExitStack, core: Core, settings: Settings) -> None:
+    """Serve RDSCore's HTTP on its port and its WebSocket one higher, as 8088 and 8089 are."""
+    if settings.rdscore_port is None:
+        return
+    app = projections.api.rdscore.app(core.live, core.clock.now_ms)
+    http = await stack.enter_async_context(_served(app, settings.host, settings.rdscore_port))
+    ws = 0 if settings.rdscore_port == 0 else settings.rdscore_port + 1
+    websocket = await stack.enter_async_context(_served(app, settings.host, ws))
+    log.info("rdscore dialect", http_port=http, websocket_port=websocket)
+
+
+@asynccontextmanager
+async def _served(app: uvicorn.config.ASGIApplication, host: str, port: int) -> AsyncIterator[int]:
+    """Serve an application; gives the port, which is free to choose where 0 was asked."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.bind((host, port))
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        backlog=BACKLOG,
+        timeout_keep_alive=KEEP_ALIVE_S,
+        timeout_graceful_shutdown=STOP_REQUESTS_S,
+        ws_per_message_deflate=False,  # it compresses per client: 24 ms a frame (measured)
+        server_header=False,
+        lifespan="off",
+    )
+    server = _Server(config)
+    serving = asyncio.create_task(server.serve([listener]))
+    await server.up.wait()
+    try:
+        yield listener.getsockname()[1]
+    finally:
+        server.should_exit = True
+        await serving
+
+
+class _Server(uvicorn.Server):
+    """uvicorn that says when it is up, and leaves signals to the front door."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.up = asyncio.Event()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets=sockets)
+        self.up.set()
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+def _children(settings: Settings, clock: Clock, core: str) -> list[Child]:
+    """Name the processes to be started; robots of a plant connect to both endpoints as well."""
+    scheduler = f"tcp/127.0.0.1:{_free_port()}"
+    common = ["--clock", clock.text(), "--data", str(settings.data)]
+    children = [Child("scheduler", ["--listen", scheduler, "--connect", core, *common])]
+    if settings.simulate:
+        seed = ["--seed", str(settings.seed)]
+        children.append(Child("sim", ["--connect", core, "--connect", scheduler, *seed, *common]))
+    return children
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

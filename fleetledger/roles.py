@@ -1,0 +1,146 @@
+"""The scheduler's process and the simulator's: threads and sockets around two pure roles."""
+
+import random
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import msgspec
+import structlog
+
+from fleetledger.clock import Clock
+from fleetledger.proposing import ProposalsAnswer
+from ledger.bus import PROPOSE_KEY, Bus, plans_key
+from ledger.events import AnyEvent
+from ledger.feed import FeedFollower
+from ledger.ids import RobotName, SceneId
+from ledger.link import Plan, Report
+from ledger.proposals import AnyProposal
+from ledger.scene import Area, Group
+from scheduler.links.bus import BusLink
+from scheduler.loop import Scheduler
+from scheduler.traffic.traffic import Traffic
+from sim.link import SimRole
+from sim.world import World
+
+log = structlog.get_logger()
+
+PERIOD_S = 0.1  # of scaled time between two passes …
+PERIOD_REAL_S_MIN = 0.02  # … but no more often than this, which bounds --speed in effect
+PROPOSE_S_MAX = 10.0  # a core that takes longer is gone, and so shall we be
+FOLLOW_S_MAX = 5.0
+
+
+_answers = msgspec.json.Decoder(ProposalsAnswer)
+
+
+class Inbox:
+    """What the bus's threads heard, until the role's own thread takes it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._reports: dict[tuple[SceneId, RobotName], Report] = {}  # only the newest counts
+        self._tokens: list[tuple[SceneId, RobotName, bool]] = []
+
+    def report(self, report: Report) -> None:
+        """Keep a report in place of the robot's last one."""
+        with self._lock:
+            self._reports[report.scene, report.robot] = report
+
+    def alive(self, scene: SceneId, robot: RobotName, alive: bool) -> None:
+        """Keep what happened to a token; the order matters."""
+        with self._lock:
+            self._tokens.append((scene, robot, alive))
+
+    def take(self) -> tuple[list[Report], list[tuple[SceneId, RobotName, bool]]]:
+        """Give everything and be empty; reports in the order of robots' names."""
+        with self._lock:
+            reports, self._reports = self._reports, {}
+            tokens, self._tokens = self._tokens, []
+        return [reports[key] for key in sorted(reports)], tokens
+
+
+class SchedulerRole:
+    """The scheduler on a bus. What it owes after a start it derives from state and reports."""
+
+    def __init__(self, bus: Bus, cache: Path | None) -> None:
+        """Take the bus to the core and the robots, and a folder for compiled maps."""
+        self._bus = bus
+        self._cache = cache
+        self._follower = FeedFollower(bus)
+        self._inbox = Inbox()
+        link = BusLink(bus)
+        fleet = self._follower.start()
+        self.scheduler = Scheduler(fleet, self._propose, link, self._show, self._traffic)
+        link.hear(
+            self._inbox.report,
+            self._inbox.alive,
+            lambda key, reason: log.warning("report dropped", key=key, reason=reason),
+        )
+
+    def tick(self, now_ms: int) -> None:
+        """Take what was heard, and make one pass."""
+        self.scheduler.on_events(self._follower.drain())
+        reports, tokens = self._inbox.take()
+        for scene, robot, alive in tokens:
+            self.scheduler.on_alive(scene, robot, alive)
+        for report in reports:
+            self.scheduler.on_report(report)
+        self.scheduler.tick(now_ms)
+
+    def _propose(self, proposals: Sequence[AnyProposal]) -> Sequence[AnyEvent]:
+        raw = msgspec.json.encode(proposals)
+        answer = _answers.decode(self._bus.ask(PROPOSE_KEY, raw, timeout_s=PROPOSE_S_MAX)[0])
+        for refused in answer.refused:
+            log.info("refused", proposal=repr(proposals[refused.index]), reason=refused.code)
+        self._follower.wait(answer.position, FOLLOW_S_MAX)
+        return self._follower.drain()
+
+    def _show(self, scene: SceneId, plans: Sequence[Plan]) -> None:
+        self._bus.publish(plans_key(scene), msgspec.json.encode(plans))
+
+    def _traffic(self, scene: SceneId, area: Area, groups: Sequence[Group]) -> Traffic:
+        log.info("map is being compiled", scene=scene, area=area.name, points=len(area.points))
+        return Traffic(scene, area, groups, self._cache)
+
+
+def run_scheduler(bus: Bus, clock: Clock, cache: Path, stop: threading.Event) -> None:
+    """Plan until told to stop."""
+    role = SchedulerRole(bus, cache)
+    _paced(clock, stop, lambda: role.tick(clock.now_ms()))
+
+
+def run_sim(bus: Bus, clock: Clock, saved: Path, seed: int, stop: threading.Event) -> None:
+    """Be the simulated robots until told to stop."""
+    world = World(random.Random(seed))
+    role = SimRole(bus, FeedFollower(bus), world, memory=saved)
+    role.start(clock.now_ms())
+    try:
+        _paced(clock, stop, lambda: role.tick(clock.now_ms()))
+    finally:
+        role.close()
+
+
+def _paced(clock: Clock, stop: threading.Event, tick: Callable[[], None]) -> None:
+    """Tick at an even pace; who is late skips, and never runs after lost time."""
+    period_s = max(clock.real_s(PERIOD_S), PERIOD_REAL_S_MIN)
+    due = time.monotonic()
+    while not stop.is_set():
+        tick()
+        due = max(due + period_s, time.monotonic())
+        stop.wait(max(0.0, due - time.monotonic()))
+
+
+def stop_when_orphaned() -> threading.Event:
+    """Give an event that is set when standard input closes: then the server has gone."""
+    stop = threading.Event()
+
+    def watch() -> None:
+        while sys.stdin.buffer.read(4096):
+            pass
+        stop.set()
+
+    threading.Thread(target=watch, name="orphaned", daemon=True).start()
+    return stop
