@@ -13,7 +13,7 @@ from scheduler.places import Place, find_places
 from scheduler.roads import TrafficFactory, TrafficLike
 from scheduler.view import RobotView, View
 from scheduler.waiting import Waiting
-from scheduler.watch import Watch, watched
+from scheduler.watch import Watch, has_moved, watched
 
 REPORTS_QUEUED_MAX = 16  # of one robot between two ticks
 GATHER_MS = 10_000  # robots that have not spoken for so long after our start are not waited for
@@ -81,16 +81,29 @@ class Site:
             self._expect(name, group, frozenset(self.traffic) if wait else frozenset())
             return
         queue = self._queues.pop(name, [])
+        in_service = robot.online and not robot.config.disabled
+        if not in_service and name in self._lost and not self._is_news(queue):
+            return
         for report in queue:
             self._watches[name] = watched(self._watches.get(name), report, now_ms)
             self._expect(name, group, frozenset({report.area} & self.traffic.keys()))
             self._observe(report)
-        if robot.online and not robot.config.disabled:
+        if in_service:
             if name in self._lost and not queue:
                 self._observe(newest)  # back, and nothing heard since
             self._lost.discard(name)
         elif queue or name not in self._lost:  # it still stands there, and no one else may
             self._lose(name)
+
+    def _is_news(self, queue: list[Report]) -> bool:
+        """Tell whether a robot out of service has moved, or says what traffic asked for.
+
+        Each report would have the whole area planned anew.
+        """
+        watch = self._watches.get(queue[-1].robot) if queue else None
+        if watch is None:
+            return bool(queue)
+        return has_moved(watch, queue[-1]) or any(report.route is not None for report in queue)
 
     def _observe(self, report: Report) -> None:
         traffic = self.traffic.get(report.area)

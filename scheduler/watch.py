@@ -25,7 +25,7 @@ def watched(before: Watch | None, report: Report, now_ms: int) -> Watch:
     if report.charging:
         known = before.charging_since_ms if before is not None else None
         charging_since_ms = known if known is not None else now_ms
-    if before is not None and not _moved(before, report):
+    if before is not None and not has_moved(before, report):
         return msgspec.structs.replace(before, charging_since_ms=charging_since_ms)
     return Watch(
         x_m=report.x_m,
@@ -36,6 +36,7 @@ def watched(before: Watch | None, report: Report, now_ms: int) -> Watch:
     )
 
 
-def _moved(before: Watch, report: Report) -> bool:
+def has_moved(before: Watch, report: Report) -> bool:
+    """Tell whether the robot is somewhere else than where it came to rest."""
     far = max(abs(report.x_m - before.x_m), abs(report.y_m - before.y_m)) > MOVED_M
     return far or abs(report.heading_rad - before.heading_rad) > TURNED_RAD

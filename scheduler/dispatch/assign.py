@@ -26,7 +26,7 @@ from scheduler.dispatch.withdraw import is_withdrawable
 from scheduler.view import RobotView, View
 
 ROWS_MAX = 200  # orders in one matching; the rest of the class gets what it leaves
-MATCHINGS_MAX = 4  # in one pass
+PASS_ROWS_MAX = 2 * ROWS_MAX  # in one pass; the rest has its turn in the next one
 CANDIDATES_MAX = 50  # robots named in one assignment, the cheapest first
 KEEP = 1e6  # outweighs all real costs of a matching, and is far below FORBIDDEN
 REALLOCATED = "Reallocated"
@@ -79,7 +79,7 @@ class _Assignment:
     def run(self) -> list[AnyProposal]:
         """Match class after class, then explain."""
         proposals: list[AnyProposal] = []
-        matchings = 0
+        tried = 0
         if self.slots:
             for _, orders in groupby(self._all_orders(), key=self._class):
                 rows = list(orders)
@@ -87,10 +87,10 @@ class _Assignment:
                     chunk, rows = self._feasible(rows)
                     if not chunk:
                         break
-                    if matchings == MATCHINGS_MAX:
+                    if tried + len(chunk) > PASS_ROWS_MAX:
                         self.skipped.update(o.id for o in chunk + rows)
                         break
-                    matchings += 1
+                    tried += len(chunk)
                     proposals.extend(self._match(chunk))
         left = [o for o in self.view.waiting if o.id not in self.assigned | self.skipped]
         code = NotAssigned.ALL_ROBOTS
@@ -183,7 +183,7 @@ class _Assignment:
         for name, robot in self.view.robots.items():
             if name == slot.robot.name:
                 continue
-            why = self._reason(robot, order)
+            why = None if name == order.robot else self._reason(robot, order)
             cost_s = float("inf") if why is not None else self.costs.cost_s(robot, place)
             if why is None and cost_s < FORBIDDEN:
                 cheap.append((cost_s, name))

@@ -9,7 +9,8 @@ from pathlib import Path as FilePath
 
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Plan, Report, Space, TellRoute
-from ledger.scene import Area, Group, Value
+from ledger.scene import Area, Group
+from scheduler.goal import Goal
 from scheduler.traffic.admission import OLD_ROUTE, Admission
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE, Costs
@@ -17,19 +18,12 @@ from scheduler.traffic.grants import Grants
 from scheduler.traffic.pibt import World, propose, room
 from scheduler.traffic.routes import Builder, Leg
 from scheduler.traffic.track import Track
-from scheduler.traffic.wishes import Rank, agents, overlay, relocate
+from scheduler.traffic.wishes import agents, overlay, relocate
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
 REPLAN_MS = 500  # while somebody waits; else planning follows events
 SPACES_MAX = 32  # polygons per plan shown
 HEADING_OK_RAD = 0.1  # a heading demanded on arrival counts as met within this
-
-
-class Goal(Value, frozen=True, kw_only=True):
-    """Where a robot is to go, and how important that is."""
-
-    point: PointName
-    rank: Rank  # smaller = more important: (-priority, since_ms, robot)
 
 
 class Traffic:
