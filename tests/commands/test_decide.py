@@ -90,7 +90,7 @@ def _command(random: Random, fleet: Fleet) -> object:
     step = random.randint(-1, 4)
     known = fleet.orders.get(order)
     ids = [s.id for s in known.steps] if known else []
-    kind = random.choice(list(_MAKERS))
+    kind = random.choices(list(_MAKERS), [_LIKELY.get(kind, 1.0) for kind in _MAKERS])[0]
     fields: dict[str, object] = {
         "scene": SCENE if random.random() < 0.98 else SceneId(random.choice(("", "S"))),
         "order": order,
@@ -112,6 +112,8 @@ def _command(random: Random, fleet: Fleet) -> object:
     }
     if kind is CreateRobots:
         fields["robots"] = tuple(RobotConfig(name=name, bin_count=2) for name in robots)
+    if kind is ClearRobotBins:
+        fields["robots"] = ROBOTS
     if kind is ImportScene:
         file = grid(columns=random.randint(2, 4))
         fields |= {"scene": SceneId("A" * 24), "file": file, "digest": scene_digest(file)}
@@ -141,6 +143,21 @@ _MAKERS: dict[type, tuple[str, ...]] = {
 }
 
 
+# so that orders live long enough to get somewhere
+_LIKELY = {
+    CreateOrder: 8.0,
+    AddSteps: 3.0,
+    RetryOrders: 3.0,
+    ClearRobotBins: 3.0,
+    CancelAllOrders: 0.1,
+    CreateRobots: 0.2,
+    CreateRobotSeries: 0.2,
+    RemoveRobots: 0.3,
+    ImportScene: 0.2,
+    ConfigureScene: 0.2,
+}
+
+
 def _proposal(random: Random, fleet: Fleet) -> object:
     order = _order(random, fleet)
     robot = _robot(random, fleet, order)
@@ -164,7 +181,7 @@ def _proposal(random: Random, fleet: Fleet) -> object:
         lambda: ConnectRobot(scene=SCENE, robot=robot),
         lambda: DisconnectRobot(scene=SCENE, robot=robot),
     ]
-    weights = (6, 8, 8, 1, 1, 1, 1, 3, 2, 1)
+    weights = (8, 10, 10, 1, 0.5, 1, 1, 2, 4, 0.5)
     return random.choices(makers, weights)[0]()
 
 

@@ -1,0 +1,79 @@
+"""The write side in process: FastAPI over a ledger in memory, called without a socket."""
+
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from itertools import count
+from typing import Any
+
+import httpx
+from fastapi import FastAPI
+from starlette.requests import Request
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+import commands.api.m4
+import commands.api.scenes
+from commands.handle import Handler
+from commands.imports.scene_json import read_scene
+from fleetledger.http import ThinRoute, install_errors
+from ledger.events import AnyEvent, stamped
+from ledger.ids import CommandId
+from ledger.store import MemoryLedger
+from tests.commands.site import opened
+from tests.scenario import STORY_MS, happened
+
+
+class AsUser:
+    """Says who calls, by a header of the tests."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            scope.setdefault("state", {})["user"] = Request(scope).headers.get("user", "alice")
+        await self._app(scope, receive, send)
+
+
+class Site:
+    """The application, its handler, and what it waited for."""
+
+    def __init__(self, events: Sequence[AnyEvent]) -> None:
+        self.ledger = MemoryLedger()
+        ready = [stamped(e, n, STORY_MS, "given", CommandId("")) for n, e in enumerate(events, 1)]
+        if ready:
+            self.ledger.append(ready, 0)
+        ids = count(1)
+        self.handler = Handler(
+            happened(events), self.ledger, lambda: STORY_MS, lambda: f"{next(ids):024X}"
+        )
+        self.waited: list[int] = []
+        self.app = FastAPI()
+        install_errors(self.app)
+        self.app.include_router(commands.api.m4.router(self.handler, self.durable, ThinRoute))
+        self.app.include_router(
+            commands.api.scenes.router(self.handler, self.durable, ThinRoute, read_scene)
+        )
+
+    async def durable(self, position: int) -> None:
+        assert position <= self.ledger.durable
+        self.waited.append(position)
+
+    @asynccontextmanager
+    async def client(self) -> AsyncIterator[httpx.AsyncClient]:
+        transport = httpx.ASGITransport(app=AsUser(self.app))
+        async with httpx.AsyncClient(transport=transport, base_url="http://site") as client:
+            yield client
+
+    async def post(self, path: str, body: Any = None, **kw: Any) -> httpx.Response:
+        async with self.client() as client:
+            if isinstance(body, bytes):
+                return await client.post(path, content=body, **kw)
+            return await client.post(path, json=body, **kw)
+
+    async def get(self, path: str) -> httpx.Response:
+        async with self.client() as client:
+            return await client.get(path)
+
+
+def site(*events: AnyEvent) -> Site:
+    return Site(events or opened())
