@@ -10,6 +10,7 @@ from scheduler.view import View
 
 REFUSALS_MAX = 50  # in one pass; the others follow in the next ones
 REFUSAL_EVERY_MS = 5_000  # for one order
+TURN_MS, TURNS = 1_000, 5  # refused orders are looked at again in turn, a fifth of them a second
 
 # A bin given away is a bin that is not free: this change alone is not news.
 _SAME = {Why.ROBOT_TAKEN_BY_OTHER.value: Why.ROBOT_NO_MORE_BIN.value}
@@ -24,11 +25,14 @@ def refusals(
 ) -> list[AnyProposal]:
     """Refuse the orders whose answer has changed since they last got one."""
     proposals: list[AnyProposal] = []
-    for order in orders:
+    turn = now_ms // TURN_MS
+    for place, order in enumerate(orders):
         if len(proposals) == REFUSALS_MAX:
             break
         before = order.allocation_reject
-        if before is not None and now_ms - before.at_ms < REFUSAL_EVERY_MS:
+        if before is not None and (
+            (place + turn) % TURNS != 0 or now_ms - before.at_ms < REFUSAL_EVERY_MS
+        ):
             continue
         robots = reasons(order)
         if before is None or _is_news(before, code, robots):
@@ -41,6 +45,11 @@ def refusals(
 
 
 def _is_news(before: Reject, code: NotAssigned, robots: dict[RobotName, str]) -> bool:
-    if before.code != code or before.robots.keys() != robots.keys():
+    if before.code != code:
         return True
-    return any(_SAME.get(w, w) != _SAME.get(robots[n], robots[n]) for n, w in before.robots.items())
+    changed = {name for name, _ in before.robots.items() ^ robots.items()}
+    return any(_settled(before.robots.get(n)) != _settled(robots.get(n)) for n in changed)
+
+
+def _settled(why: str | None) -> str | None:
+    return None if why is None else _SAME.get(why, why)
