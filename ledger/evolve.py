@@ -204,29 +204,9 @@ def order_after(order: Order, event: OrderEvent) -> Order:
         case OrderCreated():
             return order_created(event)
         case StepsAdded():
-            steps = _steps(order.id, event.tasks, order.steps_made, event.at_ms)
-            status = order.status
-            if status is OrderStatus.PENDING:  # it waited for these
-                status = OrderStatus.ALLOCATED
-            return replace(
-                order,
-                steps=order.steps + steps,
-                steps_made=order.steps_made + len(steps),
-                status=status,
-                container=order.container if event.container is None else event.container,
-            )
+            return _steps_added(order, event)
         case StepsChanged():
-            if event.container is not None:
-                order = replace(order, container=event.container)
-            for change in event.changes:
-                step = replace(
-                    order.steps[change.step],
-                    task=change.task,
-                    modified_ms=event.at_ms,
-                    version=order.steps[change.step].version + 1,
-                )
-                order = _with_step(order, change.step, step)
-            return order
+            return _steps_changed(order, event)
         case StepsDeleted():
             gone = frozenset(event.steps)
             order = replace(order, steps=tuple(s for s in order.steps if s.id not in gone))
@@ -275,6 +255,31 @@ def order_after(order: Order, event: OrderEvent) -> Order:
             return replace(order, status=OrderStatus.CANCELLED, done_ms=event.at_ms)
         case _:
             assert_never(event)
+
+
+def _steps_added(order: Order, event: StepsAdded) -> Order:
+    status = order.status
+    if status is OrderStatus.PENDING:  # it waited for these
+        status = OrderStatus.ALLOCATED
+    return replace(
+        order,
+        steps=order.steps + _steps(order.id, event.tasks, order.steps_made, event.at_ms),
+        steps_made=order.steps_made + len(event.tasks),
+        status=status,
+        container=order.container if event.container is None else event.container,
+    )
+
+
+def _steps_changed(order: Order, event: StepsChanged) -> Order:
+    if event.container is not None:
+        order = replace(order, container=event.container)
+    for change in event.changes:
+        before = order.steps[change.step]
+        step = replace(
+            before, task=change.task, modified_ms=event.at_ms, version=before.version + 1
+        )
+        order = _with_step(order, change.step, step)
+    return order
 
 
 def _with_step(order: Order, index: int, step: Step) -> Order:

@@ -1,7 +1,6 @@
 """Scenes over HTTP: import a scene file, read and change the settings."""
 
 import asyncio
-from collections.abc import Callable
 
 import msgspec
 from fastapi import APIRouter
@@ -22,11 +21,10 @@ from commands.api.answering import (
 from commands.api.m4_scene_config import SceneConfigPatch, wire
 from commands.command import scene_of
 from commands.handle import Handler
+from commands.imports.scene_json import read_scene
 from commands.scenes import ConfigureScene, ImportScene, scene_digest
 from ledger.ids import SceneId
 from ledger.scene import SceneFile
-
-ReadScene = Callable[[bytes], SceneFile]  # raises Refused where the bytes are no scene file
 
 FILE_BODY = {
     "required": True,
@@ -44,10 +42,9 @@ class ImportAnswer(BaseModel):
 class SceneCalls:
     """Endpoints that translate, ask, and word the answer."""
 
-    def __init__(self, answering: Answering, read_scene: ReadScene) -> None:
-        """Take who answers, and the reader of scene files."""
+    def __init__(self, answering: Answering) -> None:
+        """Take who answers."""
         self._answering = answering
-        self._read = read_scene
 
     def join(self, router: APIRouter) -> None:
         """Add the calls to a router."""
@@ -79,7 +76,7 @@ class SceneCalls:
     async def import_scene(self, request: Request) -> Response:
         """Take a scene file in: new, an update of the scene with its name, or known already."""
         raw = await request.body()
-        file, digest = await asyncio.to_thread(self._file, raw)
+        file, digest = await asyncio.to_thread(_file, raw)
         asked = self._answering.asked(request)
         command = ImportScene(
             id=asked.id,
@@ -92,11 +89,6 @@ class SceneCalls:
         return await self._answering.answer(
             request, command, lambda decision: msgspec.json.encode({"id": decision.made})
         )
-
-    def _file(self, raw: bytes) -> tuple[SceneFile, str]:
-        """Read a file that may be large, on another thread."""
-        file = self._read(raw)
-        return file, scene_digest(file)
 
     async def config(self, request: Request) -> Response:
         """Give all settings of a scene."""
@@ -117,10 +109,14 @@ class SceneCalls:
         return await self._answering.answer(request, command, nothing)
 
 
-def router(
-    handler: Handler, durable: Durable, route_class: type[APIRoute], read_scene: ReadScene
-) -> APIRouter:
-    """Give the calls about scenes; see `commands.api.m4.router` for the first three arguments."""
+def _file(raw: bytes) -> tuple[SceneFile, str]:
+    """Read a file and its digest, on another thread, for it may be large."""
+    file = read_scene(raw)
+    return file, scene_digest(file)
+
+
+def router(handler: Handler, durable: Durable, route_class: type[APIRoute]) -> APIRouter:
+    """Give the calls about scenes; `commands.api.m4.router` tells of the arguments."""
     calls = APIRouter(route_class=route_class)
-    SceneCalls(Answering(handler, durable), read_scene).join(calls)
+    SceneCalls(Answering(handler, durable)).join(calls)
     return calls

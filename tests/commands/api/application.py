@@ -13,7 +13,6 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 import commands.api.m4
 import commands.api.scenes
 from commands.handle import Handler
-from commands.imports.scene_json import read_scene
 from fleetledger.http import ThinRoute, install_errors
 from ledger.events import AnyEvent, stamped
 from ledger.ids import CommandId
@@ -50,9 +49,7 @@ class Site:
         self.app = FastAPI()
         install_errors(self.app)
         self.app.include_router(commands.api.m4.router(self.handler, self.durable, ThinRoute))
-        self.app.include_router(
-            commands.api.scenes.router(self.handler, self.durable, ThinRoute, read_scene)
-        )
+        self.app.include_router(commands.api.scenes.router(self.handler, self.durable, ThinRoute))
 
     async def durable(self, position: int) -> None:
         assert position <= self.ledger.durable
