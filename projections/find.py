@@ -5,8 +5,9 @@ ended behind `history_position`; DuckDB has every one that ended until then, and
 more. So none is missing and none comes twice, however far DuckDB has got meanwhile.
 """
 
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import duckdb
 import msgspec
@@ -26,6 +27,7 @@ from projections.sorting import Key, Rank, rank
 ROWS_MAX = 1_000_000  # of one answer without a limit
 SKIP_MAX = 10_000_000
 
+T = TypeVar("T")
 At: TypeAlias = int  # epoch milliseconds
 
 
@@ -80,6 +82,10 @@ class Find:
         """View all orders as they are, or as they were."""
         return self.live.now() if at_ms is None else self.live.past(await self.fleet(at_ms))
 
+    async def beside(self, work: Callable[[], T]) -> T:
+        """Do slow reading of other files in a thread."""
+        return await self._reader.beside(work)
+
     def _check(self, at_ms: At) -> None:
         if at_ms > self.now_ms():
             raise Refused("errAsOfInFuture", "'asOf' lies in the future.", at_ms)
@@ -107,12 +113,12 @@ class Find:
         return await self._reader.run(lambda c: _count(c, moment, asked)), moment.position
 
     async def every(
-        self, asked: Asked, skip: int, at_ms: At | None = None
+        self, asked: Asked, skip: int, limit: int | None = None, at_ms: At | None = None
     ) -> tuple[int, AsyncIterator[list[Row]]]:
-        """Give the position, and all rows behind `skip` in chunks, however many."""
+        """Give the position, and the rows behind `skip` in chunks, so that many need no memory."""
         moment = await self.moment(at_ms)
         total = await self._reader.run(lambda c: _count(c, moment, asked))
-        if total - skip > ROWS_MAX:
+        if limit is None and total - skip > ROWS_MAX:
             raise Refused(
                 "errTooManyRows",
                 f"{total} rows match, and one answer has {ROWS_MAX} at most: "
@@ -120,27 +126,23 @@ class Find:
                 total,
                 ROWS_MAX,
             )
-        return moment.position, self._every(moment, asked, skip)
+        rows = self._merged(moment, asked, None if limit is None else skip + limit)
+        return moment.position, _chunks(rows, skip, limit)
 
-    async def _every(self, moment: Moment, asked: Asked, skip: int) -> AsyncIterator[list[Row]]:
-        memory = _of_memory(moment, asked, None)
-        next_, position, chunk = 0, 0, list[Row]()
+    async def _merged(self, moment: Moment, asked: Asked, need: int | None) -> AsyncIterator[Row]:
+        """Give the rows of memory and of DuckDB in one order, at least the first `need`."""
+        memory = deque(_of_memory(moment, asked, need))
         sql, parameters = _select(moment, asked)
+        if need is not None:
+            sql, parameters = f"{sql} LIMIT ?", [*parameters, need]
         async for found in self._reader.stream(sql, parameters):
             for values in found:
                 ended = _ranked(asked, values)
-                while next_ < len(memory) and memory[next_].rank < ended.rank:
-                    chunk += [memory[next_].row] if position >= skip else []
-                    next_, position = next_ + 1, position + 1
-                chunk += [ended.row] if position >= skip else []
-                position += 1
-            if len(chunk) >= CHUNK_ROWS:
-                yield chunk
-                chunk = []
-        left = max(0, skip - position)
-        chunk += [ranked.row for ranked in memory[next_ + left :]]
-        for start in range(0, len(chunk), CHUNK_ROWS):
-            yield chunk[start : start + CHUNK_ROWS]
+                while memory and memory[0].rank < ended.rank:
+                    yield memory.popleft().row
+                yield ended.row
+        for ranked in memory:
+            yield ranked.row
 
     async def order(self, id_: OrderId, at_ms: At | None = None) -> tuple[Order | None, int]:
         """Give an order with its steps, or None; and the position at which it is so."""
@@ -155,6 +157,25 @@ class Find:
         sql = "SELECT body FROM orders_done WHERE id = ? AND done_position <= ?"
         found = await self._reader.run(lambda c: c.execute(sql, [id_, position]).fetchone())
         return (None if found is None else msgspec.json.decode(found[0], type=Order)), position
+
+
+async def _chunks(
+    rows: AsyncIterator[Row], skip: int, limit: int | None
+) -> AsyncIterator[list[Row]]:
+    chunk: list[Row] = []
+    number = 0
+    async for row in rows:
+        number += 1
+        if number <= skip:
+            continue
+        if limit is not None and number > skip + limit:
+            break
+        chunk.append(row)
+        if len(chunk) == CHUNK_ROWS:
+            yield chunk
+            chunk = []
+    if chunk:
+        yield chunk
 
 
 def _of_memory(moment: Moment, asked: Asked, need: int | None) -> list[_Ranked]:

@@ -166,8 +166,8 @@ class _Parser:
         if not isinstance(operator, str) or operator not in possible:
             raise Refused(
                 "errOperatorUnknown",
-                f"'{where}.operator': {field.name} is of type {field.type} and takes no {operator!r}; "
-                f"it takes {', '.join(possible)}.",
+                f"'{where}.operator': {field.name} is of type {field.type} and takes no "
+                f"{operator!r}; it takes {', '.join(possible)}.",
                 where,
                 str(operator),
             )

@@ -35,7 +35,7 @@ class Reader:
     def __init__(
         self,
         cursor: Callable[[], duckdb.DuckDBPyConnection],
-        damaged: Callable[[str], None],
+        damaged: Callable[[str], None] | None = None,
         query_s_max: float = QUERY_S_MAX,
     ) -> None:
         """Take what opens cursors, and what is told when the file cannot be read."""
@@ -83,7 +83,8 @@ class Reader:
                 self._query_s_max,
             ) from None
         except (duckdb.IOException, duckdb.InternalException, duckdb.FatalException) as trouble:
-            self._damaged(str(trouble))
+            if self._damaged is not None:
+                self._damaged(str(trouble))
             raise Unreadable(
                 "errHistoryUnreadable",
                 "Ended orders cannot be read now; the next start of the server mends that.",

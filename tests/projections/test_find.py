@@ -41,7 +41,7 @@ def asked(query: Any = None, sort: list[str] | None = None, fuzzy: str | None = 
 
 
 async def all_rows(find: Find, wanted: Asked, at_ms: int | None = None) -> list[dict[str, Any]]:
-    _, chunks = await find.every(wanted, 0, at_ms)
+    _, chunks = await find.every(wanted, 0, None, at_ms)
     return [row async for chunk in chunks for row in chunk]
 
 
@@ -119,7 +119,7 @@ async def test_an_order_is_found_as_it_was(side: Side) -> None:
 
 async def test_a_query_is_stopped_when_its_time_is_up() -> None:
     archive = archive_of([])
-    reader = Reader(archive.cursor, print, query_s_max=0.02)
+    reader = Reader(archive.cursor, query_s_max=0.02)
     with pytest.raises(TooSlow, match="narrow"):
         await reader.run(
             lambda c: c.execute("SELECT count(*) FROM range(1e12::BIGINT) t(i) WHERE sin(i) > 2")
@@ -133,7 +133,7 @@ async def test_orders_that_were_not_created_in_order_are_sorted_all_the_same() -
     fleet = log.fleet_at(400)
     fleet.orders = dict(reversed(fleet.orders.items()))
     archive = archive_of([])
-    reader = Reader(archive.cursor, print)
+    reader = Reader(archive.cursor)
     find = Find(Live(fleet), reader, lambda _: Fleet(), lambda: 0)
     page = await find.some(asked(sort=["-createdOn"]), 0, 2)
     newest = sorted(fleet.orders.values(), key=lambda o: (-o.created_ms, o.id))[:2]

@@ -1,0 +1,92 @@
+"""What M4 clients send to the read side. Fields that we do not know are left alone."""
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
+
+PAGE_SIZE_MAX = 10_000
+FUZZY_LENGTH_MAX = 200
+NAMES_MAX = 100
+QUERY_EXAMPLE: JsonDict = {
+    "type": "Compound",
+    "items": [
+        {"type": "General", "field1": "stepFixed", "operator": "Eq", "value": "true"},
+        {"type": "General", "field1": "status", "operator": "Eq", "value": "Done"},
+    ],
+}
+
+
+class Asking(BaseModel):
+    """Base: strict types, camel-case names."""
+
+    model_config = ConfigDict(strict=True, extra="ignore", frozen=True, populate_by_name=True)
+
+
+class AsOf(BaseModel):
+    """The query part that every question takes."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, populate_by_name=True)
+
+    as_of: str | None = Field(
+        None, alias="asOf", description="A past moment: epoch milliseconds or ISO 8601."
+    )
+
+
+class CountAsked(Asking):
+    """find/count."""
+
+    entity_name: str = Field(alias="entityName", description="TransportOrder.")
+    query: Any = Field(
+        None,
+        description="ComplexQuery; null = all.",
+        json_schema_extra={"type": ["object", "null"], "examples": [QUERY_EXAMPLE]},
+    )
+    fuzzy: str | None = Field(
+        None, max_length=FUZZY_LENGTH_MAX, description="Part of the order id, in any case."
+    )
+    as_of: int | str | None = Field(None, alias="asOf", description="A past moment; null = now.")
+
+
+class RowsAsked(CountAsked):
+    """What find/many, find/page and find/one share."""
+
+    projection: list[str] | None = Field(
+        None, max_length=NAMES_MAX, description="Fields to answer; null = all."
+    )
+    sort: list[str] | None = Field(None, description="Fields; `-` in front = descending.")
+
+
+class ManyAsked(RowsAsked):
+    """find/many."""
+
+    skip: int | None = Field(None, description="Rows to leave out at the front.")
+    limit: int | None = Field(None, description="Rows at most; null or negative = all.")
+
+
+class PageAsked(RowsAsked):
+    """find/page."""
+
+    page_no: int = Field(alias="pageNo", ge=1, le=1_000_000_000, description="From 1.")
+    page_size: int = Field(alias="pageSize", ge=1, le=PAGE_SIZE_MAX)
+
+
+class OneAsked(RowsAsked):
+    """find/one: by id, or the first that meets the query."""
+
+    id: str | None = None
+    skip: int | None = None
+
+
+class DetailAsked(AsOf):
+    """orders/query-order-detail."""
+
+    order_id: str = Field(alias="orderId", min_length=1, max_length=200)
+
+
+class RobotsAsked(AsOf):
+    """robots/all-all."""
+
+    scene_id: str | None = Field(None, alias="sceneId", description="Goes before sceneName.")
+    scene_name: str | None = Field(None, alias="sceneName")
+    raw_all: bool = Field(False, alias="rawAll", description="With the robots' own reports.")
