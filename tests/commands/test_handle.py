@@ -1,3 +1,4 @@
+import threading
 from itertools import count
 
 import pytest
@@ -6,7 +7,7 @@ from commands.handle import Handler, Reply
 from commands.orders import CancelOrder, CreateOrder
 from commands.rejected import Reason, Rejected
 from ledger.errors import Unknown
-from ledger.events import AnyEvent, CommandAnswered, OrderCreated
+from ledger.events import AnyEvent, CommandAnswered, OrderCreated, stamped
 from ledger.evolve import fold
 from ledger.ids import CommandId, OrderId
 from ledger.proposals import AssignOrder, ConnectRobot, DisconnectRobot
@@ -33,8 +34,6 @@ def handler(ledger: object = None, *given: AnyEvent) -> Handler:
 
 
 def _history(events: tuple[AnyEvent, ...]) -> list[AnyEvent]:
-    from ledger.events import stamped
-
     return [stamped(e, n, STORY_MS, "given", CommandId("")) for n, e in enumerate(events, 1)]
 
 
@@ -163,3 +162,29 @@ def test_an_answer_is_kept_in_the_same_append_as_its_events() -> None:
     assert isinstance(kept, CommandAnswered)
     assert (kept.command, kept.by, kept.status, kept.body) == ("alice/k", "alice", 200, ORDER)
     assert made.order == OrderId(ORDER)
+
+
+def test_callers_on_several_threads_are_served_one_after_another() -> None:
+    ledger = MemoryLedger()
+    ledger.append(_history(opened(R1)), 0)
+    h = handler(ledger)
+    disconnect, connect = (
+        DisconnectRobot(scene=SCENE, robot=R1),
+        ConnectRobot(scene=SCENE, robot=R1),
+    )
+
+    def ask_often() -> None:
+        for n in range(100):
+            h.handle(create(f"c{n}"))
+
+    def propose_often() -> None:
+        for _ in range(100):
+            h.propose([disconnect, connect])
+
+    callers = [threading.Thread(target=f) for f in (ask_often, propose_often, ask_often)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert ledger.position == h.fleet.position == 3 + 100 + 200 + 100
+    assert fold(Fleet(), ledger.read(0)).canonical() == h.fleet.canonical()

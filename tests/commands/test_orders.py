@@ -1,6 +1,5 @@
 import pytest
 
-from commands.ids import next_order_id, was_made
 from commands.orders import (
     CancelAllOrders,
     CancelOrder,
@@ -22,7 +21,7 @@ from ledger.events import (
     OrderSealed,
 )
 from ledger.ids import OrderId, RobotName, SceneId
-from ledger.state import Fleet, OrderKind, StepTask
+from ledger.state import OrderKind, StepTask
 from tests.commands.site import (
     BINS,
     ORDER,
@@ -36,7 +35,7 @@ from tests.commands.site import (
     started,
     task,
 )
-from tests.scenario import STORY_MS, ask, given
+from tests.scenario import ask, given
 
 UNKNOWN = OrderId("TO20250806-000777")
 LOAD = StepTask(location=BINS[0], arguments='{"binTask":"Load"}', loads=True, withdrawable=True)
@@ -109,20 +108,6 @@ def test_an_operation_may_be_asked_for_at_a_point() -> None:
     asked = task(arguments='{"operation":"Load"}', loads=True)
     outcome = given(*opened()).when(create(asked))
     assert outcome.then(*outcome.decision.events).orders[ORDER].steps[0].task == asked
-
-
-def test_ids_count_all_orders_of_the_utc_day_and_tell_the_kind() -> None:
-    fleet = Fleet(order_counts={"20250806": 41})
-    assert next_order_id(fleet, STORY_MS, OrderKind.BUSINESS) == "TO20250806-000042"
-    assert next_order_id(fleet, STORY_MS, OrderKind.PARKING) == "TO20250806-000042P"
-    assert next_order_id(fleet, STORY_MS, OrderKind.IDLE_AVOID) == "TO20250806-000042A"
-    assert next_order_id(fleet, STORY_MS, OrderKind.CHARGING) == "TO20250806-000042C"
-    assert next_order_id(fleet, STORY_MS + 86_400_000, OrderKind.BUSINESS) == "TO20250807-000001"
-
-
-@pytest.mark.parametrize("id_", ["", "TO20250806-000042", "TO20250806-000000", "TO2025-1", "x"])
-def test_an_id_that_was_never_given_out_is_unknown(id_: str) -> None:
-    assert not was_made(Fleet(order_counts={"20250806": 41}), OrderId(id_))
 
 
 def test_sealing_an_order_that_still_has_something_to_do_only_seals_it() -> None:
