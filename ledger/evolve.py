@@ -1,7 +1,7 @@
 """What each event means: the fold that gives the state. It never refuses an event."""
 
 from collections.abc import Iterable
-from typing import assert_never
+from typing import Any, assert_never
 
 import msgspec
 
@@ -60,6 +60,8 @@ from ledger.state import (
 ANSWERS_MAX = 10_000  # answers kept for repeated Idempotency-Keys
 
 replace = msgspec.structs.replace
+# events of an order that change what its robot carries, or whose it is
+_CARRIED = (OrderAssigned, StepFinished, OrderWithdrawn, OrderFinished, OrderCancelled)
 
 
 def fold(fleet: Fleet, events: Iterable[AnyEvent]) -> Fleet:
@@ -198,26 +200,19 @@ def _steps(order: OrderId, tasks: tuple[StepTask, ...], made: int, at_ms: int) -
 
 
 def order_after(order: Order, event: OrderEvent) -> Order:
-    """Give the order as it is after one more event of its own."""
-    order = replace(order, version=order.version + 1, modified_ms=event.at_ms, modified_by=event.by)
+    """Give the order as it is after one more event of its own.
+
+    The arms stand in the order of how often their events come: a fold tries them one by one.
+    """
     match event:
-        case OrderCreated():
-            return order_created(event)
-        case StepsAdded():
-            return _steps_added(order, event)
-        case StepsChanged():
-            return _steps_changed(order, event)
-        case StepsDeleted():
-            gone = frozenset(event.steps)
-            order = replace(order, steps=tuple(s for s in order.steps if s.id not in gone))
-            return _pending_if_all_done(order)
-        case OrderSealed():
-            return replace(order, sealed=True)
-        case OrderPrioritised():
-            return replace(order, priority=event.priority)
+        case StepStarted():
+            return _step_started(order, event)
+        case StepFinished():
+            return _step_finished(order, event)
         case OrderAssigned():
-            return replace(
+            return _changed(
                 order,
+                event,
                 status=OrderStatus.ALLOCATED,
                 robot=event.robot,
                 bin=event.bin,
@@ -225,65 +220,80 @@ def order_after(order: Order, event: OrderEvent) -> Order:
                 cost_s=event.cost_s,
                 allocation_reject=None,
             )
-        case OrderWithdrawn():
-            return _withdrawn(order, event)
+        case OrderFinished():
+            return _changed(
+                order, event, status=OrderStatus.DONE, done_ms=event.at_ms, execution_reject=None
+            )
         case AssignmentRejected():
             reject = Reject(code=event.code, robots=event.robots, at_ms=event.at_ms)
-            return replace(order, allocation_reject=reject)
+            return _changed(order, event, allocation_reject=reject)
         case ExecutionRejected():
             why = Reject(code=event.code, robots=event.robots, at_ms=event.at_ms)
-            return replace(order, execution_reject=why if event.code else None)
-        case StepStarted():
-            return _step_started(order, event)
-        case StepFinished():
-            return _step_finished(order, event)
-        case OrderFaulted():
-            return replace(
+            return _changed(order, event, execution_reject=why if event.code else None)
+        case OrderCreated():
+            return order_created(event)
+        case StepsAdded():
+            steps = _steps(order.id, event.tasks, order.steps_made, event.at_ms)
+            waited = order.status is OrderStatus.PENDING  # for these
+            return _changed(
                 order,
+                event,
+                steps=order.steps + steps,
+                steps_made=order.steps_made + len(steps),
+                status=OrderStatus.ALLOCATED if waited else order.status,
+            )
+        case StepsChanged():
+            return _steps_changed(order, event)
+        case StepsDeleted():
+            gone = frozenset(event.steps)
+            left = tuple(step for step in order.steps if step.id not in gone)
+            return _pending_if_all_done(_changed(order, event, steps=left))
+        case OrderSealed():
+            return _changed(order, event, sealed=True)
+        case OrderPrioritised():
+            return _changed(order, event, priority=event.priority)
+        case OrderWithdrawn():
+            return _withdrawn(order, event)
+        case OrderFaulted():
+            return _changed(
+                order,
+                event,
                 fault_reason=event.reason,
                 fault_count=order.fault_count + 1,
                 faulted_ms=event.at_ms,
             )
         case OrderRetried():
-            return _fault_ended(order, event.at_ms)
-        case OrderFinished():
-            return replace(
-                order, status=OrderStatus.DONE, done_ms=event.at_ms, execution_reject=None
-            )
+            return _fault_ended(_changed(order, event), event.at_ms)
         case OrderCancelled():
             order = _fault_ended(order, event.at_ms)
-            return replace(order, status=OrderStatus.CANCELLED, done_ms=event.at_ms)
+            return _changed(order, event, status=OrderStatus.CANCELLED, done_ms=event.at_ms)
         case _:
             assert_never(event)
 
 
-def _steps_added(order: Order, event: StepsAdded) -> Order:
-    status = order.status
-    if status is OrderStatus.PENDING:  # it waited for these
-        status = OrderStatus.ALLOCATED
+def _changed(order: Order, event: OrderEvent, **fields: Any) -> Order:
     return replace(
         order,
-        steps=order.steps + _steps(order.id, event.tasks, order.steps_made, event.at_ms),
-        steps_made=order.steps_made + len(event.tasks),
-        status=status,
-        container=order.container if event.container is None else event.container,
+        version=order.version + 1,
+        modified_ms=event.at_ms,
+        modified_by=event.by,
+        **fields,
     )
 
 
+def _with(steps: tuple[Step, ...], index: int, step: Step) -> tuple[Step, ...]:
+    return (*steps[:index], step, *steps[index + 1 :])
+
+
 def _steps_changed(order: Order, event: StepsChanged) -> Order:
-    if event.container is not None:
-        order = replace(order, container=event.container)
+    order = _changed(order, event)
     for change in event.changes:
         before = order.steps[change.step]
         step = replace(
             before, task=change.task, modified_ms=event.at_ms, version=before.version + 1
         )
-        order = _with_step(order, change.step, step)
+        order = replace(order, steps=_with(order.steps, change.step, step))
     return order
-
-
-def _with_step(order: Order, index: int, step: Step) -> Order:
-    return replace(order, steps=(*order.steps[:index], step, *order.steps[index + 1 :]))
 
 
 def _pending_if_all_done(order: Order) -> Order:
@@ -299,8 +309,9 @@ def _withdrawn(order: Order, event: OrderWithdrawn) -> Order:
         else s
         for s in order.steps
     )
-    return replace(
+    return _changed(
         order,
+        event,
         status=OrderStatus.TO_BE_ALLOCATED,
         robot=None,
         bin=None,
@@ -324,8 +335,10 @@ def _step_started(order: Order, event: StepStarted) -> Order:
     waited_ms = order.waited_ms
     if waited_ms is None and order.assigned_ms is not None:
         waited_ms = event.at_ms - order.assigned_ms
-    return replace(
-        _with_step(order, event.step, step),
+    return _changed(
+        order,
+        event,
+        steps=_with(order.steps, event.step, step),
         status=OrderStatus.EXECUTING,
         current_step=event.step,
         waited_ms=waited_ms,
@@ -342,7 +355,8 @@ def _step_finished(order: Order, event: StepFinished) -> Order:
         version=before.version + 1,
     )
     spent_ms = event.at_ms - (before.started_ms or event.at_ms)
-    order = replace(_with_step(order, event.step, step), done_step=event.step)
+    steps = _with(order.steps, event.step, step)
+    order = _changed(order, event, steps=steps, done_step=event.step)
     if before.task.loads:
         order = replace(order, loaded=True, load_ms=(order.load_ms or 0) + spent_ms)
     if before.task.unloads:
@@ -359,6 +373,8 @@ def _fault_ended(order: Order, at_ms: int) -> Order:
 
 def _evolve_carrier(fleet: Fleet, before: Order, after: Order, event: OrderEvent) -> None:
     """Keep the robot's bins and list of orders in step with its order."""
+    if not isinstance(event, _CARRIED):
+        return
     name = after.robot if after.robot is not None else before.robot
     index = after.bin if after.bin is not None else before.bin
     if name is None or index is None:
