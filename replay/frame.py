@@ -290,5 +290,5 @@ def build(
         map_digest=scene.digest if scene else "",
         robots=tuple(robot_frame(r, report(r.name), plan(r.name)) for r in robots),
         orders=order_lines(newest_first, finished, wish) if wish.limit else (),
-        orders_open=len(fleet.orders),
+        orders_open=sum(scene is not None and o.scene == scene.id for o in fleet.orders.values()),
     )

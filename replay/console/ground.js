@@ -189,6 +189,9 @@ export class Ground {
     pen.textAlign = "center";
     pen.textBaseline = "alphabetic";
     pen.fillStyle = COLOURS.name;
+    pen.strokeStyle = "#fafbfc";
+    pen.lineWidth = 4;
+    pen.lineJoin = "round";
     /** @type {Map<string, string[]>} */
     const bins = new Map();
     for (const bin of this.area?.bins ?? []) bins.set(bin.point, [...(bins.get(bin.point) ?? []), bin.name]);
@@ -198,7 +201,9 @@ export class Ground {
       const named = bins.get(point.name);
       const more = named && named.length > 2 ? ` +${named.length - 2}` : "";
       const name = named ? named.slice(0, 2).join(", ") + more : point.name;
-      pen.fillText(name, left, top + Math.min(view.scale * 0.34, 22) + 14);
+      const below = top + Math.min(view.scale * 0.34, 22) + 14;
+      pen.strokeText(name, left, below);
+      pen.fillText(name, left, below);
     }
   }
 }

@@ -133,8 +133,7 @@ async function showMap(frame, asOf) {
 /** @param {Frame} frame */
 function showFrame(frame) {
   byId("position").value = frame.position.toLocaleString();
-  byId("open").value = String(frame.ordersOpen);
-  byId("open").title = "open orders of all scenes";
+  byId("open").value = `${frame.ordersOpen.toLocaleString()} open`;
   const scenes = byId("scene");
   const names = JSON.stringify(frame.scenes);
   if (scenes.dataset.names !== names && frame.scenes.length) {

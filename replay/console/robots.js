@@ -150,7 +150,7 @@ export class Robots {
     pen.translate(...view.toScreen(pose.x, pose.y));
     if (selected) {
       pen.beginPath();
-      pen.arc(0, 0, long * grown * 0.85 + 5, 0, 2 * Math.PI);
+      pen.arc(0, 0, long * grown * 0.72 + 4, 0, 2 * Math.PI);
       pen.fillStyle = "#1d4ed81a";
       pen.strokeStyle = "#1d4ed8";
       pen.lineWidth = 2;

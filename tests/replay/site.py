@@ -130,8 +130,9 @@ def plans(at_ms: int) -> list[Plan]:
     column = int(robot.x_m // PITCH_M)
     names = [f"AP{n + 1}" for n in range(COLUMNS)]
     left = names[column:] if there else names[: column + 1][::-1]
-    x_m, ahead_m = robot.x_m, 2.0 if there else -2.0
-    ground = ((x_m - 0.6, -0.5), (x_m + ahead_m, -0.5), (x_m + ahead_m, 0.5), (x_m - 0.6, 0.5))
+    behind_m, ahead_m = (-0.7, 2.2) if there else (0.7, -2.2)
+    corners = ((behind_m, -0.5), (ahead_m, -0.5), (ahead_m, 0.5), (behind_m, 0.5))
+    ground = tuple((robot.x_m + x, y) for x, y in corners)
     pairs = pairwise(left)
     plan = Plan(
         scene=SCENE,
