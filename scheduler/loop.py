@@ -191,7 +191,7 @@ class Scheduler:
         for name, robot in view.robots.items():
             message: Cancel | Act | None = None
             if robot.robot.online and not robot.robot.config.disabled:
-                message = due_cancel(view, robot) or due_action(view, robot)
+                message = due_cancel(view, robot) or due_action(view, robot, self._now_ms)
             if message is None:
                 told.pop(name, None)
                 continue

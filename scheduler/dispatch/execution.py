@@ -17,6 +17,7 @@ from scheduler.view import RobotView, View
 
 SYSTEM_PRIORITY = -1_000_000  # parking and charging give way to every business order
 CHARGE = "Charge"
+SETTLED_MS = 500  # who has been on one spot for so long rests, whatever noise its speed shows
 
 
 class Action(Value, frozen=True, kw_only=True):
@@ -78,7 +79,16 @@ def _running(robot: RobotView) -> str | None:
     return told.id if told is not None and told.phase is ActionPhase.RUNNING else None
 
 
-def due_action(view: View, robot: RobotView) -> Act | None:
+def _rests(robot: RobotView, now_ms: int) -> bool:
+    """Tell whether the very last creep is over: robots refuse to act while they move at all."""
+    report = robot.report
+    if report is None:
+        return False
+    at_rest = report.speed_mps == 0.0 and report.turn_radps == 0.0
+    return at_rest or now_ms - robot.still_since_ms >= SETTLED_MS
+
+
+def due_action(view: View, robot: RobotView, now_ms: int) -> Act | None:
     """Give the action to be told: the robot rests at the step's place and has not begun.
 
     Repeating it is harmless (link rule: a repeated id is the same action), forgetting it is not.
@@ -90,7 +100,7 @@ def due_action(view: View, robot: RobotView) -> Act | None:
     if told is not None and (told.id == at.attempt or told.phase is ActionPhase.RUNNING):
         return None
     place = place_of(view, at.step)
-    if place is None or not view.stands_at(robot, place):
+    if place is None or not view.stands_at(robot, place) or not _rests(robot, now_ms):
         return None
     wanted = action(at.step, place)
     if wanted is None or wanted.wrong is not None:

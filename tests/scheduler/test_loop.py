@@ -115,6 +115,17 @@ def test_a_failed_action_faults_the_order_until_it_is_retried() -> None:
     ]
 
 
+def test_a_robot_is_told_to_act_only_when_its_last_creep_is_over() -> None:
+    work = shift(("A", 5.0))
+    work.robots.set("A", speed_mps=0.005)
+    work.happen(carry(1, "B5", "B9"))
+    work.run(0.5)
+    assert not work.robots.told
+    work.robots.set("A", speed_mps=0.0)
+    work.run(0.2)
+    assert work.robots.told
+
+
 @pytest.mark.parametrize("keep", [False, True])
 def test_a_cancelled_order_stops_its_action_unless_the_scene_says_otherwise(keep: bool) -> None:
     work = shift(("A", 0.0), config=SceneConfig(keep_robot_on_cancel=keep))

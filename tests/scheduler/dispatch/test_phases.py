@@ -39,7 +39,7 @@ def _let_robots_obey(situation: Situation, chance: Random) -> None:
             situation.reports[name] = replace(old, x_m=x_m, point=goal.point)
     view = situation.view()
     for name, robot in view.robots.items():
-        act = due_action(view, robot)
+        act = due_action(view, robot, situation.core.now_ms)
         if act is not None:
             phase = chance.choice(list(ActionPhase))
             old = situation.reports[name]
