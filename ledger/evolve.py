@@ -233,15 +233,7 @@ def order_after(order: Order, event: OrderEvent) -> Order:
         case OrderCreated():
             return order_created(event)
         case StepsAdded():
-            steps = _steps(order.id, event.tasks, order.steps_made, event.at_ms)
-            waited = order.status is OrderStatus.PENDING  # for these
-            return _changed(
-                order,
-                event,
-                steps=order.steps + steps,
-                steps_made=order.steps_made + len(steps),
-                status=OrderStatus.ALLOCATED if waited else order.status,
-            )
+            return _steps_added(order, event)
         case StepsChanged():
             return _steps_changed(order, event)
         case StepsDeleted():
@@ -285,8 +277,22 @@ def _with(steps: tuple[Step, ...], index: int, step: Step) -> tuple[Step, ...]:
     return (*steps[:index], step, *steps[index + 1 :])
 
 
+def _steps_added(order: Order, event: StepsAdded) -> Order:
+    steps = _steps(order.id, event.tasks, order.steps_made, event.at_ms)
+    waited = order.status is OrderStatus.PENDING  # for these
+    return _changed(
+        order,
+        event,
+        steps=order.steps + steps,
+        steps_made=order.steps_made + len(steps),
+        status=OrderStatus.ALLOCATED if waited else order.status,
+        container=order.container if event.container is None else event.container,
+    )
+
+
 def _steps_changed(order: Order, event: StepsChanged) -> Order:
-    order = _changed(order, event)
+    container = order.container if event.container is None else event.container
+    order = _changed(order, event, container=container)
     for change in event.changes:
         before = order.steps[change.step]
         step = replace(
