@@ -11,11 +11,11 @@ from ledger.scene import Value
 from ledger.segment import (
     BEGINNING,
     NO_HASH,
+    SUFFIX,
     TRAILER_BYTES,
     Trailer,
     first_position,
     read_trailer,
-    segment_paths,
 )
 from ledger.snapshot import Unusable, check, snapshot_paths
 
@@ -167,11 +167,13 @@ def verify(directory: Path, progress: Progress = lambda done, total: None) -> Ve
     if not ledger_dir.is_dir():
         raise FileNotFoundError(f"{directory} holds no ledger folder")
     checked = _Check()
-    try:
-        paths = segment_paths(ledger_dir)
-    except LedgerDamaged as error:
-        checked.find(error.path, 0, None, error.what, "Give it back the name it had.")
-        paths = []
+    paths: list[Path] = []
+    for path in sorted(ledger_dir.glob(f"*{SUFFIX}")):
+        try:
+            first_position(path)
+            paths.append(path)
+        except LedgerDamaged as error:
+            checked.find(path, 0, None, error.what, "Give it back the name it had.")
     snapshots = snapshot_paths(snapshots_dir)
     total = sum(path.stat().st_size for path in (*paths, *snapshots))
     done = 0
