@@ -15,7 +15,7 @@ export const STATES = ["moving", "working", "charging", "waiting", "idle", "bloc
 
 /** A pose farther from the last is jumped to: a slider was dragged, or a robot carried. */
 const JUMP_M = 25;
-const NAMES_FROM = 9; // pixels a metre
+const NAMES_FROM = 14; // pixels a metre from which names are larger
 /** @type {XY[]} */
 const FOOTPRINT = [[0.5, 0.35], [-0.5, 0.35], [-0.5, -0.35], [0.5, -0.35]];
 const LENGTH_PX_MIN = 9; // a robot is never drawn smaller, or a large map would seem empty
@@ -103,8 +103,29 @@ export class Robots {
     for (const robot of robots) this.drawSpaces(pen, view, robot);
     for (const robot of robots) this.drawLeft(pen, view, ground, robot, robot.frame.name === selected);
     for (const robot of robots) this.drawBody(pen, view, robot, robot.frame.name === selected, now);
-    if (view.scale >= NAMES_FROM || robots.length <= 40) {
-      for (const robot of robots) this.drawName(pen, view, robot, now);
+    this.drawNames(pen, view, robots, selected, now);
+  }
+
+  /**
+   * Name robots, the selected one first; a name that would cover another is left out.
+   * @param {CanvasRenderingContext2D} pen @param {View} view @param {Shown[]} robots
+   * @param {string | null} selected @param {number} now
+   */
+  drawNames(pen, view, robots, selected, now) {
+    const size = view.scale >= NAMES_FROM ? 11.5 : 10;
+    pen.font = `600 ${size}px system-ui, sans-serif`;
+    /** @type {[number, number, number, number][]} */
+    const taken = [];
+    const inOrder = [...robots].sort((a, b) => Number(b.frame.name === selected) - Number(a.frame.name === selected));
+    for (const robot of inOrder) {
+      const pose = /** @type {Pose} */ (this.pose(robot, now));
+      const [left, top] = view.toScreen(pose.x, pose.y);
+      const half = pen.measureText(robot.frame.name).width / 2 + 2;
+      const below = top - Math.max(view.scale * 0.55, 7) - 3;
+      const box = /** @type {[number, number, number, number]} */ ([left - half, below - size, left + half, below + 2]);
+      if (taken.some((t) => t[0] < box[2] && box[0] < t[2] && t[1] < box[3] && box[1] < t[3])) continue;
+      taken.push(box);
+      this.drawName(pen, robot, left, below);
     }
   }
 
@@ -195,19 +216,15 @@ export class Robots {
     pen.stroke();
   }
 
-  /** @param {CanvasRenderingContext2D} pen @param {View} view @param {Shown} robot @param {number} now */
-  drawName(pen, view, robot, now) {
-    const pose = /** @type {Pose} */ (this.pose(robot, now));
-    const [left, top] = view.toScreen(pose.x, pose.y);
-    pen.font = "600 11.5px system-ui, sans-serif";
+  /** @param {CanvasRenderingContext2D} pen @param {Shown} robot @param {number} left @param {number} below */
+  drawName(pen, robot, left, below) {
     pen.textAlign = "center";
     pen.textBaseline = "alphabetic";
-    const above = top - Math.max(view.scale * 0.55, 9) - 4;
     pen.lineWidth = 3.5;
     pen.lineJoin = "round";
     pen.strokeStyle = "#ffffffe6";
-    pen.strokeText(robot.frame.name, left, above);
+    pen.strokeText(robot.frame.name, left, below);
     pen.fillStyle = robot.frame.state === "blocked" ? COLOURS.blocked : "#17202e";
-    pen.fillText(robot.frame.name, left, above);
+    pen.fillText(robot.frame.name, left, below);
   }
 }

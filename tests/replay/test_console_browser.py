@@ -10,6 +10,8 @@ import pytest
 import uvicorn
 from fastapi import FastAPI
 from playwright.sync_api import ConsoleMessage, Page, expect, sync_playwright
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from replay.api import router
 from tests.replay.site import SCENE, START_MS, TURN_MS, WAITING, Site, carried
@@ -30,14 +32,31 @@ ARGUMENTS = [
 PAST_S = 150
 
 
+class Locked:
+    """Lets nobody ask for data without the key, as a server does that has keys."""
+
+    def __init__(self, app: ASGIApp, key: str) -> None:
+        self._app = app
+        self._key = key.encode()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = dict(scope.get("headers", ()))
+        if scope["path"].startswith("/api/") and headers.get(b"xyy-app-key") != self._key:
+            await JSONResponse({"code": "errNotSignedIn"}, 401)(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+
 class Running:
     """A site whose time goes on with the wall, served on a free port of this machine."""
 
-    def __init__(self, data: Path) -> None:
+    def __init__(self, data: Path, key: str | None = None) -> None:
         self.site = Site(data)
-        self.site.run(PAST_S)
+        self.site.run(PAST_S if key is None else 5)
         app = FastAPI()
         app.include_router(router(self.site.source))
+        if key is not None:
+            app.add_middleware(Locked, key=key)
         self._socket = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}"
         self._server = uvicorn.Server(uvicorn.Config(app, log_level="warning", ws="none"))
@@ -103,6 +122,13 @@ def console(page: Page, running: Running) -> Iterator[Page]:
     page.remove_listener("console", heard)
     page.remove_listener("pageerror", crashed)
     assert said == []
+
+
+@pytest.fixture
+def locked(tmp_path: Path) -> Iterator[Running]:
+    running = Running(tmp_path, key="right")
+    yield running
+    running.close()
 
 
 def picture(page: Page, name: str) -> None:
@@ -221,6 +247,21 @@ def test_the_filter_finds_orders_by_their_reasons(console: Page) -> None:
     expect(console.locator("#orders li")).to_have_attribute("data-order", WAITING)
     console.locator("#find").fill("no such thing")
     expect(console.locator("#no-orders")).to_be_visible()
+
+
+def test_where_keys_are_on_the_page_asks_for_a_pair_once(page: Page, locked: Running) -> None:
+    page.goto(locked.url)
+    for key in ("wrong", "right"):
+        page.locator("#app-id").fill("console")
+        page.locator("#app-key").fill(key)
+        page.get_by_role("button", name="Sign in").click()
+        if key == "wrong":
+            expect(page.locator("#keys-wrong")).to_be_visible()
+    expect(page.locator("body")).to_have_attribute("data-state", "ready")
+    page.reload()
+    expect(page.locator("body")).to_have_attribute("data-state", "ready")
+    expect(page.locator("#keys")).to_be_hidden()
+    page.goto("about:blank")
 
 
 def test_on_a_wide_screen_nothing_is_cut_off(console: Page) -> None:
