@@ -131,7 +131,8 @@ class Live:
         entry = (position, next(self._number), waiter)
         heapq.heappush(self._waiters, entry)
         try:
-            await asyncio.wait_for(waiter, timeout_s)
+            async with asyncio.timeout(timeout_s):
+                await waiter
         except TimeoutError:
             if entry in self._waiters:
                 self._waiters.remove(entry)

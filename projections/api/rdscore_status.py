@@ -1,0 +1,138 @@
+"""The whole answer of `robotsStatus`, and its bytes: a robot that has not changed is not encoded
+again (spec/rdscore.md §2).
+"""
+
+import hashlib
+from collections.abc import Collection
+from datetime import UTC, datetime
+
+import msgspec
+
+from ledger.ids import RobotKey, robot_key
+from ledger.scene import PointKind
+from ledger.state import Order, OrderStatus, Robot
+from projections.api.rdscore_rbk import Known, alarms_of, legacy
+from projections.api.rdscore_report import missing_kinds, vehicle
+from projections.fields import Row
+from projections.live import Live
+
+DEVICES = ("doors", "lifts", "terminals")
+CODES = {PointKind.CHARGING: (52101, "charge"), PointKind.PARKING: (52103, "park")}
+
+
+class Status:
+    """Makes answers from what is live; keeps the encoded robots."""
+
+    def __init__(self, live: Live, since_ms: int) -> None:
+        self._live = live
+        self._encoded: dict[RobotKey, tuple[Known, bytes]] = {}
+        self._since_s = since_ms // 1000  # when the alarms of the core began, for all we know
+
+    def whole(self, now_ms: int, devices: Collection[str], names: Collection[str] | None) -> Row:
+        """Give the complete answer as an object, to be filtered; `names` None = all robots."""
+        report = [vehicle(known) for known in self._robots(names)]
+        return self._frame(now_ms, devices) | {"report": report}
+
+    def encoded(
+        self, now_ms: int, devices: Collection[str] = (), names: Collection[str] | None = None
+    ) -> bytes:
+        """Give the complete answer as bytes, keys in alphabetical order."""
+        report = b"[" + b",".join(self._fragment(k) for k in self._robots(names)) + b"]"
+        frame = self._frame(now_ms, devices) | {"report": msgspec.Raw(report)}
+        return msgspec.json.encode(frame, order="sorted")
+
+    def _fragment(self, known: Known) -> bytes:
+        kept = self._encoded.get(known.key)
+        if kept is not None and _same(kept[0], known):
+            return kept[1]
+        fragment = msgspec.json.encode(vehicle(known), order="sorted")
+        self._encoded[known.key] = (known, fragment)
+        return fragment
+
+    def _robots(self, names: Collection[str] | None) -> list[Known]:
+        live = self._live
+        if len(self._encoded) > 2 * len(live.fleet.robots):
+            self._encoded.clear()  # of robots that have left
+        robots = live.fleet.robots.values()
+        return [self._known(r) for r in robots if names is None or r.name in names]
+
+    def _known(self, robot: Robot) -> Known:
+        live = self._live
+        key = robot_key(robot.scene, robot.name)
+        return Known(
+            key=key,
+            robot=robot,
+            scene=live.fleet.scenes[robot.scene],
+            report=live.reports.get(key),
+            plan=live.plans.get(key),
+            order=_current([live.fleet.orders[id_] for id_ in robot.orders]),
+        )
+
+    def _frame(self, now_ms: int, devices: Collection[str]) -> Row:
+        scenes = self._live.fleet.scenes
+        core = self._alarms()
+        digests = [scene.digest for scene in scenes.values()]
+        models = [scene.groups for scene in scenes.values()]
+        return {
+            **envelope(0, "ok", now_ms),
+            **{name: [] for name in devices},  # we drive none yet
+            "alarms": core,
+            "disable_paths": [],
+            "disable_points": [],
+            "dynamic_obstacle": {},
+            "errors": legacy(core["errors"]),
+            "fatals": [],
+            "is_error": False,
+            "model_md5": _md5(msgspec.json.encode(models)),
+            "notices": [],
+            "scene_md5": _md5("".join(digests).encode()),
+            "warnings": [],
+        }
+
+    def _alarms(self) -> dict[str, list[Row]]:
+        """Say which robots have nowhere to charge or to park."""
+        alarms = alarms_of(())
+        live = self._live
+        for scene in live.fleet.scenes.values():
+            names = [r.name for r in live.fleet.robots.values() if r.scene == scene.id]
+            for kind in missing_kinds(scene) if names else ():
+                code, word = CODES[kind]
+                alarms["errors"].append(
+                    {
+                        "code": code,
+                        "desc": f"{','.join(names)}, have no {word} point in map.",
+                        "times": 1,
+                        "timestamp": self._since_s,
+                    }
+                )
+        return alarms
+
+
+def envelope(code: int, message: str, now_ms: int) -> Row:
+    """Give what every answer has: code, message, and when it was made (ISO text, R1)."""
+    moment = datetime.fromtimestamp(now_ms // 1000, UTC)
+    return {
+        "code": code,
+        "create_on": f"{moment:%Y-%m-%dT%H:%M:%S}.{now_ms % 1000:03}Z",
+        "msg": message,
+    }
+
+
+def _current(orders: list[Order]) -> Order | None:
+    executing = (order for order in orders if order.status is OrderStatus.EXECUTING)
+    return next(executing, orders[0] if orders else None)
+
+
+def _same(one: Known, other: Known) -> bool:
+    """Values are replaced and never changed, so the same objects look the same."""
+    names = ("robot", "scene", "report", "plan", "order")
+    return all(getattr(one, name) is getattr(other, name) for name in names)
+
+
+def _md5(content: bytes) -> str:
+    return hashlib.md5(content, usedforsecurity=False).hexdigest()
+
+
+def parsed(text: str | None) -> list[str]:
+    """Read a list of names separated by commas."""
+    return [] if text is None else [part for raw in text.split(",") if (part := raw.strip())]
