@@ -61,8 +61,7 @@ def measure(data: bytes, end: int, predecessor: str) -> Measured:
         if isinstance(chunk, Flaw) or isinstance(after, Flaw):
             flaw = after if isinstance(after, Flaw) else None
             break
-        for payload in payloads:
-            sha.update(payload)
+        sha.update(b"".join(payloads))
         start, tally, chunks = chunk.end, after, chunks + 1
     return Measured(chunks=chunks, end=start, tally=tally, sha256=sha.hexdigest(), flaw=flaw)
 

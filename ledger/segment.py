@@ -146,6 +146,7 @@ class SegmentWriter:
         self._crc = zlib.crc32(BEGINNING)
         self._predecessor = predecessor
         self._sha = hashlib.sha256(predecessor.encode())
+        self._unhashed: list[bytes] = []
         self._declared: set[type] = set()
         self._pending = bytearray()
         self._pending_first = (first, 0)  # position and log time of its first event, 0 = none
@@ -165,29 +166,23 @@ class SegmentWriter:
         time keep the order of positions; the publish time is the event's, unchanged.
         """
         pending, last_ns, sequence = self._pending, self.last_ns, self.next - self.first
-        pack = mcap.MESSAGE_HEAD.pack
+        pack, channels, declared = mcap.MESSAGE_HEAD.pack, _CHANNELS, self._declared
+        unhashed, rest, opcode = self._unhashed, mcap.MESSAGE_REST, mcap.MESSAGE
         for event in events:
             payload = encode(event)
             kind = type(event)
-            known = _CHANNELS[kind]
-            if kind not in self._declared:
-                self._declared.add(kind)
+            known = channels[kind]
+            if kind not in declared:
+                declared.add(kind)
                 pending += known.declaration
                 self._spare = known.declaration
             at_ns = event.at_ms * NS_PER_MS
-            last_ns = max(last_ns + 1, at_ns)
+            last_ns = at_ns if at_ns > last_ns else last_ns + 1
             if not self._pending_first[1]:
                 self._pending_first = (self.first + sequence, last_ns)
-            pending += pack(
-                mcap.MESSAGE,
-                mcap.MESSAGE_REST + len(payload),
-                known.number,
-                sequence,
-                last_ns,
-                at_ns,
-            )
+            pending += pack(opcode, rest + len(payload), known.number, sequence, last_ns, at_ns)
             pending += payload
-            self._sha.update(payload)
+            unhashed.append(payload)
             sequence += 1
         self.last_ns = last_ns
         self.next = self.first + sequence
@@ -210,8 +205,17 @@ class SegmentWriter:
         self.index.append(first)
         self.size += size
 
+    def hash(self) -> None:
+        """Hash what has been added; best after everybody has been told, for nobody waits for it.
+
+        One long update lets go of Python's lock, which many short ones do not.
+        """
+        self._sha.update(b"".join(self._unhashed))
+        self._unhashed.clear()
+
     def finish(self) -> str:
         """Write the trailer, sync and close; gives the hash that the next segment names."""
+        self.hash()
         trailer = Trailer(
             first=self.first,
             last=self.next - 1,

@@ -298,6 +298,7 @@ class FileLedger:
         with self._synced:
             self._told = events[-1].position
             self._synced.notify_all()
+        writer.hash()
 
     def _fail(self, error: Exception) -> None:
         """Stop for good: after a failed sync nobody knows what the disk holds; never try again."""

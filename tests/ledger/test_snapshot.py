@@ -5,7 +5,7 @@ import pytest
 
 from ledger.events import AnyEvent, CommandAnswered
 from ledger.evolve import ANSWERS_MAX, fold
-from ledger.ids import CommandId, SceneId
+from ledger.ids import CommandId, OrderId, SceneId
 from ledger.snapshot import (
     Snapshotter,
     Unusable,
@@ -35,6 +35,24 @@ def test_a_saved_state_is_loaded_as_it_was(tmp_path: Path) -> None:
     assert to_bytes(load(path)) == to_bytes(fleet)
     assert save(tmp_path / "snapshots", fleet) == path
     assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("orders", [0, 1, 99, 100, 101, 350])
+def test_a_state_encoded_in_pieces_is_the_state_encoded_whole(orders: int) -> None:
+    fleet = fleet_at(200)
+    some = next(iter(fleet.orders.values()))
+    fleet.orders = {OrderId(f"{n}"): some for n in range(orders)}
+    assert to_bytes(fleet).split(b"\n", 1)[1] == msgspec.json.encode(fleet)
+
+
+def test_more_live_orders_put_snapshots_further_apart(tmp_path: Path) -> None:
+    snapshotter = Snapshotter(tmp_path, events_apart=10)
+    fleet = fleet_at(200)
+    some = next(iter(fleet.orders.values()))
+    fleet.orders = {OrderId(f"{n}"): some for n in range(50)}
+    snapshotter.save(fleet)
+    assert not snapshotter.due(249)
+    assert snapshotter.due(250)
 
 
 def test_the_head_is_one_line_of_json(tmp_path: Path) -> None:
