@@ -20,6 +20,16 @@ from ledger.events import (
     OrderRetried,
     OrderSealed,
     OrderWithdrawn,
+    RobotAdded,
+    RobotBinsCleared,
+    RobotConnected,
+    RobotDisabled,
+    RobotDisconnected,
+    RobotEnabled,
+    RobotEvent,
+    RobotRemoved,
+    RobotWentOffDuty,
+    RobotWentOnDuty,
     SceneConfigured,
     SceneImported,
     SceneMapReplaced,
@@ -31,9 +41,8 @@ from ledger.events import (
 )
 from ledger.events.orders import OfOrder
 from ledger.events.robots import OfRobot
-from ledger.evolve_robot import evolve_robot
 from ledger.ids import OrderId, StepId, robot_key
-from ledger.scene import Scene
+from ledger.scene import RobotConfig, Scene
 from ledger.state import (
     Answer,
     BinStatus,
@@ -41,6 +50,7 @@ from ledger.state import (
     Order,
     OrderStatus,
     Reject,
+    Robot,
     RobotBin,
     Step,
     StepStatus,
@@ -66,7 +76,7 @@ def evolve(fleet: Fleet, event: AnyEvent) -> None:
     if isinstance(event, OfOrder):
         _evolve_order(fleet, event)
     elif isinstance(event, OfRobot):
-        evolve_robot(fleet, event)
+        _evolve_robot(fleet, event)
     else:
         match event:
             case SceneImported():
@@ -100,6 +110,47 @@ def evolve(fleet: Fleet, event: AnyEvent) -> None:
                 assert_never(event)
     fleet.position = event.position
     fleet.at_ms = event.at_ms
+
+
+def _evolve_robot(fleet: Fleet, event: RobotEvent) -> None:
+    if isinstance(event, RobotAdded):
+        robot = Robot(
+            scene=event.scene,
+            config=event.config,
+            bins=(RobotBin(),) * event.config.bin_count,
+            idle_since_ms=event.at_ms,
+        )
+        fleet.robots[robot_key(event.scene, robot.name)] = robot
+        return
+    key = robot_key(event.scene, event.robot)
+    robot = fleet.robots[key]
+    match event:
+        case RobotRemoved():
+            del fleet.robots[key]
+            return
+        case RobotWentOffDuty():
+            robot = replace(robot, off_duty=True)
+        case RobotWentOnDuty():
+            robot = replace(robot, off_duty=False, idle_since_ms=event.at_ms)
+        case RobotDisabled():
+            robot = replace(robot, config=_disabled(robot.config, disabled=True))
+        case RobotEnabled():
+            config = _disabled(robot.config, disabled=False)
+            robot = replace(robot, config=config, idle_since_ms=event.at_ms)
+        case RobotConnected():
+            robot = replace(robot, online=True)
+        case RobotDisconnected():
+            robot = replace(robot, online=False)
+        case RobotBinsCleared():
+            bins = (RobotBin() if b.status is BinStatus.CANCELLED else b for b in robot.bins)
+            robot = replace(robot, bins=tuple(bins))
+        case _:
+            assert_never(event)
+    fleet.robots[key] = robot
+
+
+def _disabled(config: RobotConfig, *, disabled: bool) -> RobotConfig:
+    return replace(config, disabled=disabled)
 
 
 def _evolve_order(fleet: Fleet, event: OrderEvent) -> None:
