@@ -86,7 +86,7 @@ def _stretch(
     first = next(read(0, 1), None)
     if first is None:
         raise Refused("errLedgerEmpty", f"There is nothing in {data} yet.")
-    from_ms = first.at_ms if from_ms is None else from_ms
+    from_ms = first.at_ms if from_ms is None else max(from_ms, first.at_ms)
     to_ms = moments.fleet(At()).at_ms if to_ms is None else to_ms
     if to_ms < from_ms:
         words = f"{time_text(to_ms)} lies before {time_text(from_ms)}."

@@ -1,17 +1,19 @@
 """Draws frames, maps and stories from a source: live ones on the loop, past ones beside it."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ledger.errors import Refused
 from ledger.ids import OrderId, RobotName, SceneId, robot_key
 from ledger.link import Plan, Report
 from ledger.moment import At
 from ledger.scene import Scene
-from ledger.state import Fleet
+from ledger.state import Fleet, Order
 from replay.frame import Frame, MapFrame, Wish, build
 from replay.source import Source
 from replay.story import Story, tell
+
+FINISHED_MAX = 500  # ended orders among which the newest wanted ones are looked for
 
 
 class Unknown(Refused):
@@ -44,7 +46,9 @@ async def frame_at(
         drawn = _scene(fleet, scene)
         reports: Mapping[RobotName, Report] = {}
         plans: Mapping[RobotName, Plan] = {}
-        finished = source.finished(drawn.id, as_of_ms, wish.limit) if drawn and wish.limit else ()
+        finished: Sequence[Order] = ()
+        if drawn is not None and wish.limit:
+            finished = source.finished(drawn.id, fleet.position, FINISHED_MAX)
         if drawn is not None:
             reports = source.reports_at(drawn.id, as_of_ms)
             plans = source.plans_at(drawn.id, as_of_ms)
@@ -74,8 +78,9 @@ async def _live_frame(
     drawn = _scene(source.live(), scene)
     if drawn is None and scene is not None:
         raise Unknown("errSceneUnknown", f"Field 'sceneId' is wrong: no scene '{scene}'.", scene)
+    position = source.live().position
     finished = (
-        await asyncio.to_thread(source.finished, drawn.id, None, wish.limit)
+        await asyncio.to_thread(source.finished, drawn.id, position, FINISHED_MAX)
         if drawn and wish.limit
         else ()
     )

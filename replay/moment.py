@@ -32,7 +32,7 @@ class Moments:
         """Take the data folder; where the ledger is open in this process, hand over its `read`,
         which shows only what is on disk.
         """
-        self._read: Read = read or partial(read_folder, data / "ledger")
+        self.read: Read = read or partial(read_folder, data / "ledger")
         self._snapshots = data / "snapshots"
         self._kept_max = kept_max
         self._lock = Lock()
@@ -69,7 +69,7 @@ class Moments:
             if kept is not None:
                 return kept
         # the search for the next event, which ends the state's time, costs one event more
-        fleet = restore_from(self._read, self._snapshots, position=at.position, at_ms=at.at_ms)
+        fleet = restore_from(self.read, self._snapshots, position=at.position, at_ms=at.at_ms)
         return self._continued(fleet, at, None) or _Kept(fleet=fleet, next_ms=None)
 
     def _before(self, at: At) -> _Kept | None:
@@ -86,7 +86,7 @@ class Moments:
     def _continued(self, fleet: Fleet, at: At, events_max: int | None) -> _Kept | None:
         """Fold on up to the moment; None if that is farther than a snapshot would be."""
         start = fleet.position
-        for event in self._read(start, at.position):
+        for event in self.read(start, at.position):
             if at.at_ms is not None and event.at_ms > at.at_ms:
                 return _Kept(fleet=fleet, next_ms=event.at_ms)
             if events_max is not None and event.position - start > events_max:

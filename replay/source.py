@@ -1,22 +1,20 @@
 """Where the console and the ledger's own endpoints get what they show, live and past."""
 
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 
 from ledger.events import AnyEvent
-from ledger.events.orders import OfOrder
 from ledger.ids import OrderId, RobotKey, RobotName, SceneId
 from ledger.link import Plan, Report
-from ledger.scan import read_folder
 from ledger.snapshot import Read
 from ledger.state import Fleet, Order
 from ledger.telemetry_read import plans_at, reports_at
 from replay.moment import Moments
+from replay.recent import Recent
 
 Story = Callable[[OrderId], Sequence[AnyEvent]]  # all events of one order, in order
-# finished orders of a scene as of a moment (None = now), newest created first, so many at most
-Finished = Callable[[SceneId, int | None, int], Sequence[Order]]
+# orders of a scene that had ended before a position, newest created first, so many at most
+Finished = Callable[[SceneId, int, int], Sequence[Order]]
 
 
 class Source:
@@ -38,14 +36,15 @@ class Source:
         """Take them; `comes` waits some seconds for a position to be readable.
 
         `live` and the mappings are read on the event loop; all else in worker threads.
-        Without `story` the whole ledger is searched; without `finished` only open orders show.
+        Without `story` and `finished` the ledger itself is searched, as `recent` does it.
         """
         self.moments = moments
         self.now_ms, self.live, self.comes = now_ms, live, comes
         self.reports, self.plans = reports, plans
-        self.finished: Finished = finished or _none_finished
-        self.story: Story = story or self._search
-        self.read: Read = partial(read_folder, data / "ledger")
+        self.read: Read = moments.read
+        recent = Recent(self.read)
+        self.finished: Finished = finished or recent.finished
+        self.story: Story = story or (lambda order: recent.story(order, live().position))
         self._telemetry = data / "telemetry"
         self._first_ms: int | None = None
 
@@ -63,15 +62,3 @@ class Source:
             first = next(self.read(0, 1), None)
             self._first_ms = first.at_ms if first is not None else None
         return self._first_ms
-
-    def _search(self, order: OrderId) -> Sequence[AnyEvent]:
-        def of_order() -> Iterator[AnyEvent]:
-            for event in self.read(0, self.live().position):
-                if isinstance(event, OfOrder) and event.order == order:
-                    yield event
-
-        return list(of_order())
-
-
-def _none_finished(scene: SceneId, at_ms: int | None, limit: int) -> Sequence[Order]:
-    return ()

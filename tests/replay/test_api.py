@@ -123,6 +123,7 @@ async def test_the_newest_frame_shows_robots_and_orders(
     assert robots["R1"]["x"] == pytest.approx(reports(site.now_ms)[0].x_m)
     assert robots["R1"]["left"]
     assert robots["R3"]["x"] is None
+    assert [o["statusWords"] for o in frame["orders"][1:3]] == ["done", "done"]
     [waiting] = [o for o in frame["orders"] if o["id"] == WAITING]
     assert waiting["statusWords"] == "waits for a robot"
     assert "R3: offline" in waiting["reason"]
