@@ -7,6 +7,7 @@ from ledger.ids import PointName, RobotName
 from ledger.link import Drive, Plan, Report, TellRoute
 from ledger.scene import Scene
 from ledger.state import Fleet, Order, Robot
+from scheduler.corridors import find_corridors
 from scheduler.current import Current, current
 from scheduler.goal import Goal
 from scheduler.places import Place, find_places
@@ -39,6 +40,7 @@ class Site:
         """Lay the roads of a new map; robots are placed again from their newest reports."""
         self.scene = scene
         self.places: dict[str, Place] = find_places(scene)
+        self.corridors = find_corridors(scene)
         self.traffic: dict[int, TrafficLike] = {
             area.id: self._factory(scene.id, area, scene.groups)
             for area in sorted(scene.areas, key=lambda a: a.id)
@@ -149,6 +151,7 @@ class Site:
         return View(
             scene=self.scene,
             places=self.places,
+            corridors=self.corridors,
             robots={robot.name: self._robot(fleet, robot) for robot in robots},
             waiting=waiting,
             roads=self,

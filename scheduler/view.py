@@ -7,6 +7,7 @@ from ledger.link import Report
 from ledger.scene import Scene, Value
 from ledger.scene_config import ChargingLevels
 from ledger.state import Order, OrderKind, Robot
+from scheduler.corridors import Corridors
 from scheduler.current import Current
 from scheduler.places import Place, Places
 from scheduler.roads import Roads
@@ -53,6 +54,7 @@ class View(Value, frozen=True, kw_only=True):
 
     scene: Scene
     places: Places
+    corridors: Corridors = {}  # msgspec copies the default for each instance
     robots: Mapping[RobotName, RobotView]  # of this scene, sorted by name
     waiting: Sequence[Order]  # business orders without a robot, most urgent first; a limited slice
     roads: Roads

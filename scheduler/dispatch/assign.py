@@ -3,7 +3,7 @@
 Orders go by class: higher priority first, then those that have waited longer than
 dispatch_wait_s_max. Each class is matched on what the classes before it have left, so a cheaper
 way never overtakes a higher priority; within a class the method (KM or Greedy) decides.
-Not here yet: a limit of orders for one aisle (design notes, traffic §11 rule 10).
+Orders that lead into a full single-lane corridor wait (see crowding).
 """
 
 from collections.abc import Sequence
@@ -18,6 +18,7 @@ from ledger.scene import Value
 from ledger.scene_config import DispatchMethod
 from ledger.state import Candidate, Order
 from scheduler.dispatch.costs import ORDER_IN_HAND_S, Costs, first_place, in_hand
+from scheduler.dispatch.crowding import Crowding
 from scheduler.dispatch.eligibility import free_bins, standing_reason, wants
 from scheduler.dispatch.matching import FORBIDDEN, Table, match_greedy, match_km
 from scheduler.dispatch.reasons import NotAssigned, Why
@@ -72,8 +73,10 @@ class _Assignment:
                     for n, b in enumerate(free_bins(robot))
                 )
         self.allowed: dict[Demand, frozenset[RobotName]] = {}
-        self.reasons: dict[tuple[Demand, str | None], dict[RobotName, str]] = {}
+        self.reasons: dict[tuple[Demand, str | None, bool], dict[RobotName, str]] = {}
         self.assigned: set[OrderId] = set()
+        self.crowding = Crowding(view)
+        self.crowded: set[OrderId] = set()  # lead into a full corridor
         self.skipped: set[OrderId] = set()  # could be done, but the pass had reached its limit
 
     def run(self) -> list[AnyProposal]:
@@ -89,6 +92,7 @@ class _Assignment:
                         break
                     if tried + len(chunk) > PASS_ROWS_MAX:
                         self.skipped.update(o.id for o in chunk + rows)
+                        self.crowding.leave(o for o in chunk if o.robot is None)
                         break
                     tried += len(chunk)
                     proposals.extend(self._match(chunk))
@@ -130,8 +134,14 @@ class _Assignment:
                 return chunk, list(rows[n:])
             place = first_place(self.view, order)
             robots = (self.view.robots[name] for name in sorted(self._allowed(order) & free))
-            if any(self.costs.cost_s(r, place) < FORBIDDEN for r in robots):
-                chunk.append(order)
+            if not any(self.costs.cost_s(r, place) < FORBIDDEN for r in robots):
+                continue
+            if order.robot is None:
+                if self.crowding.is_full(order):
+                    self.crowded.add(order.id)
+                    continue
+                self.crowding.enter(order)
+            chunk.append(order)
         return chunk, []
 
     def _match(self, orders: list[Order]) -> list[AnyProposal]:
@@ -155,6 +165,8 @@ class _Assignment:
         ]
         proposals.extend(self._assignment(order, slot) for order, slot in moved)
         self.assigned.update(order.id for order, _ in moved)
+        left = (o for o in orders if o.robot is None and o.id not in self.assigned)
+        self.crowding.leave(left)
         return proposals
 
     def _held_slot(self, order: Order) -> Slot:
@@ -210,7 +222,8 @@ class _Assignment:
         """Give every robot's reason; one dictionary for all orders that ask for the same."""
         place = first_place(self.view, order)
         demand = (order.wanted_robots, order.wanted_groups)
-        key = (demand, None if place is None else place.point.name)
+        crowded = order.id in self.crowded
+        key = (demand, None if place is None else place.point.name, crowded)
         reasons = self.reasons.get(key)
         if reasons is None:
             reasons = self.reasons[key] = {}
@@ -218,6 +231,7 @@ class _Assignment:
                 why = self._reason(robot, order)
                 if why is None:
                     reachable = self.costs.cost_s(robot, place) < FORBIDDEN
-                    why = Why.ROBOT_TAKEN_BY_OTHER if reachable else Why.NO_ROUTE
+                    taken = Why.CORRIDOR_FULL if crowded else Why.ROBOT_TAKEN_BY_OTHER
+                    why = taken if reachable else Why.NO_ROUTE
                 reasons[name] = why.value
         return reasons

@@ -119,7 +119,12 @@ def _obstacle(
         return Why.NO_ROUTE, {}
     if robot.report is not None and robot.report.blocked:
         return Why.ROBOT_OBSTRUCTED, {robot.name: Why.ROBOT_OBSTRUCTED.value}
-    blockers = (view.robots[name] for name in sorted(robot.blocked_by) if name in view.robots)
+    names = set(robot.blocked_by) or {
+        other.name
+        for other in view.robots.values()
+        if other.name != robot.name and other.report and other.report.point == place.point.name
+    }
+    blockers = (view.robots[name] for name in sorted(names) if name in view.robots)
     return Why.ROBOT_BLOCKED, {
         b.name: (trouble(view, b) or Why.ROBOT_IN_THE_WAY).value for b in blockers
     }

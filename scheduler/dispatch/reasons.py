@@ -19,6 +19,7 @@ class Why(StrEnum):
     ROBOT_NO_MORE_BIN = "RobotNoMoreBin"  # each of its bins has an order or a load
     ROBOT_TAKEN_BY_OTHER = "RobotTakenByOther"  # a better order got its last bin just now
     NO_ROUTE = "NoRoute"  # cannot drive to the order's first location
+    CORRIDOR_FULL = "CorridorFull"  # robots enough are about in a single-lane aisle it leads to
     ROBOT_BLOCKED = "RobotBlocked"  # has a way, but has not moved for long
     ROBOT_OBSTRUCTED = "RobotObstructed"  # its own sensors see something in the way
     ROBOT_IN_THE_WAY = "RobotInTheWay"  # stands or drives where another wants to go

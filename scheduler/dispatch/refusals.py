@@ -12,6 +12,8 @@ REFUSALS_MAX = 50  # in one pass; the others follow in the next ones
 REFUSAL_EVERY_MS = 5_000  # for one order
 TURN_MS, TURNS = 1_000, 5  # refused orders are looked at again in turn, a fifth of them a second
 
+CROWD_NEWS_EVERY_MS = 60_000  # corridors fill and empty all the time
+
 # A bin given away is a bin that is not free: this change alone is not news.
 _SAME = {Why.ROBOT_TAKEN_BY_OTHER.value: Why.ROBOT_NO_MORE_BIN.value}
 
@@ -35,7 +37,7 @@ def refusals(
         ):
             continue
         robots = reasons(order)
-        if before is None or _is_news(before, code, robots):
+        if before is None or _is_news(before, code, robots, now_ms):
             proposals.append(
                 RejectAssignment(
                     scene=view.scene.id, order=order.id, code=code.value, robots=robots
@@ -44,12 +46,22 @@ def refusals(
     return proposals
 
 
-def _is_news(before: Reject, code: NotAssigned, robots: dict[RobotName, str]) -> bool:
+def _is_news(before: Reject, code: NotAssigned, robots: dict[RobotName, str], now_ms: int) -> bool:
     if before.code != code:
         return True
-    changed = {name for name, _ in before.robots.items() ^ robots.items()}
-    return any(_settled(before.robots.get(n)) != _settled(robots.get(n)) for n in changed)
+    names = {name for name, _ in before.robots.items() ^ robots.items()}
+    changes = {(_settled(before.robots.get(n)), _settled(robots.get(n))) for n in names}
+    changes = {(old, new) for old, new in changes if old != new}
+    if now_ms - before.at_ms < CROWD_NEWS_EVERY_MS:
+        changes -= _CROWD_CHANGES
+    return bool(changes)
 
 
 def _settled(why: str | None) -> str | None:
     return None if why is None else _SAME.get(why, why)
+
+
+_CROWD_CHANGES = {
+    (Why.ROBOT_NO_MORE_BIN.value, Why.CORRIDOR_FULL.value),
+    (Why.CORRIDOR_FULL.value, Why.ROBOT_NO_MORE_BIN.value),
+}

@@ -260,6 +260,16 @@ def test_a_robot_that_does_not_get_on_says_why_and_takes_it_back() -> None:
     assert work.order(1).execution_reject is None
 
 
+def test_who_stands_on_the_goal_of_a_blocked_robot_is_named() -> None:
+    work = shift(("A", 0.0), ("B", 5.0))
+    work.run(1)
+    work.happen(RobotDisabled(scene=SCENE, robot=RobotName("B")), carry(1, "B5", "B9"))
+    work.run(1)
+    work.traffic[1].stuck.add(RobotName("A"))
+    work.run(12)
+    assert work.order(1).execution_reject.robots == {"B": "RobotDisabled"}
+
+
 def test_waiting_orders_get_one_refusal_as_long_as_nothing_changes() -> None:
     work = shift(("A", 0.0))
     work.run(2)

@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from ledger.events import SceneConfigured
-from ledger.ids import OrderId, RobotName
+from ledger.ids import OrderId, PointName, RobotName
 from ledger.proposals import AssignOrder, CreateSystemOrder, RejectAssignment, WithdrawOrder
 from ledger.scene_config import DispatchMethod, SceneConfig
 from ledger.state import Order, OrderKind
+from scheduler.corridors import Corridor
 from scheduler.dispatch.assign import CANDIDATES_MAX, assign
 from scheduler.dispatch.reasons import Why
 from scheduler.dispatch.refusals import REFUSALS_MAX
@@ -223,3 +224,17 @@ def test_an_assignment_names_the_cheapest_candidates() -> None:
     (proposal,) = assigned(situation).values()
     costs = [c.cost_s for c in proposal.candidates]
     assert len(costs) == CANDIDATES_MAX and costs == sorted(costs, key=float)
+
+
+def test_a_third_order_for_one_aisle_waits_and_says_so() -> None:
+    situation = Situation()
+    for n in range(3):
+        situation.robot(f"R{n}", 0.0)
+    for n in range(3):
+        situation.happen(carry(n, f"B{10 + n}", "B0"))
+    aisle = Corridor(name=PointName("W10"), orders_max=2)
+    points = {PointName(f"W{10 + n}"): aisle for n in range(3)}
+    found = assign(replace(situation.view(), corridors=points), (), NOW_MS)
+    assert [type(p) for p in found] == [AssignOrder, AssignOrder, RejectAssignment]
+    assert isinstance(found[2], RejectAssignment)
+    assert set(found[2].robots.values()) == {"CorridorFull"}
