@@ -12,6 +12,7 @@ import structlog
 import uvicorn
 from fastapi import FastAPI
 from prometheus_client import Gauge
+from starlette.types import ASGIApp
 
 import commands.api.m4
 import commands.api.scenes
@@ -41,7 +42,7 @@ from ledger.snapshot import restore, save
 from ledger.state import Fleet
 from ledger.store import FileLedger
 from ledger.telemetry import CHUNK_MS, TelemetryLog
-from ledger.telemetry_read import reports_at
+from ledger.telemetry_read import plans_at, reports_at
 from ledger.zenoh_bus import ZenohBus
 from projections.find import Find
 from projections.history import History
@@ -81,7 +82,7 @@ class Core:
         self.history = History(settings.data / "history.duckdb", self.live)
         self.durability = Durability(loop, self.ledger.durable, self._apply)
         self.ledger.listen(self.durability.heard)
-        self.moments = Moments(settings.data, durable=lambda: self.live.position)
+        self.moments = Moments(settings.data, read=self.ledger.read)
         self._snapshot_position = fleet.position
         self._snapshot: asyncio.Task[object] | None = None
 
@@ -214,7 +215,12 @@ def _api(core: Core, settings: Settings, keys: Keys | None) -> FastAPI:
     routers = (
         commands.api.m4.router(core.handler, core.durability.reached, ThinRoute),
         commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute),
-        projections.api.m4.router(find, partial(reports_at, settings.telemetry), ThinRoute),
+        projections.api.m4.router(
+            find,
+            partial(reports_at, settings.telemetry),
+            ThinRoute,
+            partial(plans_at, settings.telemetry),
+        ),
         replay.api.router(source, ThinRoute),
     )
     return build(routers, keys=keys, position=lambda: core.live.position, wait=core.live.wait)
@@ -232,7 +238,7 @@ async def _serve_rdscore(stack: AsyncExitStack, core: Core, settings: Settings) 
 
 
 @asynccontextmanager
-async def _served(app: uvicorn.config.ASGIApplication, host: str, port: int) -> AsyncIterator[int]:
+async def _served(app: ASGIApp, host: str, port: int) -> AsyncIterator[int]:
     """Serve an application; gives the port, which is free to choose where 0 was asked."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)

@@ -8,9 +8,11 @@ import typer
 from pydantic import ValidationError
 from rich.console import Console
 
-from fleetledger import offline, serving
-from fleetledger.config import Auth, Settings
+from fleetledger.config import Auth, Format, Settings
 from ledger.errors import LedgerError, Refused
+
+# `serving` and `offline` are imported where they are used: between them they know every package,
+# Rerun's and DuckDB's too, and a child process or `--help` should not pay for that.
 
 app = typer.Typer(
     name="fleetledger",
@@ -59,6 +61,8 @@ def demo(
     """
     rate = orders_per_minute if orders_per_minute is not None else robots * 2 / 3
     with _told():
+        from fleetledger import serving
+
         serving.demo(
             robots=robots, orders_per_minute=rate, speed=speed, port=port, data=data, seed=seed
         )
@@ -104,6 +108,8 @@ def serve(
             rdscore_port=rdscore_port,
             log_json=log_json,
         )
+        from fleetledger import serving
+
         serving.serve(settings)
 
 
@@ -121,6 +127,8 @@ def scene_import(
 ) -> None:
     """Translate a map into a scene file for `serve --scene`. Names survive unchanged."""
     with _told():
+        from fleetledger import offline
+
         offline.import_scene(file, output, name=name, robots=robots, robot_group=robot_group)
 
 
@@ -130,6 +138,8 @@ def scene_check(
 ) -> None:
     """Say in words what a planner would trip over; exit 1 if the scene is unusable."""
     with _told():
+        from fleetledger import offline
+
         raise typer.Exit(0 if offline.check_scene(file) else 1)
 
 
@@ -141,6 +151,8 @@ def scene_generate(
 ) -> None:
     """Write a generated warehouse with room for so many simulated robots."""
     with _told():
+        from fleetledger import offline
+
         offline.generate_scene(output, robots=robots, seed=seed)
 
 
@@ -148,6 +160,8 @@ def scene_generate(
 def verify(data: Folder) -> None:
     """Check every segment, checksum, position and snapshot; exit 1 on damage."""
     with _told():
+        from fleetledger import offline
+
         raise typer.Exit(0 if offline.verify(data) else 1)
 
 
@@ -165,6 +179,8 @@ def replay(
 ) -> None:
     """Show the state at any past moment: orders as they were, robots where they stood."""
     with _told():
+        from fleetledger import offline
+
         offline.replay(data, at=at, scene=scene, as_json=as_json, rerun=rerun)
 
 
@@ -178,6 +194,8 @@ def export(
 ) -> None:
     """Write a stretch of history as a Rerun recording."""
     with _told():
+        from fleetledger import offline
+
         offline.export(data, rrd, scene=scene, since=since, until=until)
 
 
@@ -185,12 +203,12 @@ def export(
 def sql(
     data: Folder,
     statement: Annotated[str, typer.Argument(help="One SELECT over the views of docs/sql.md.")],
-    form: Annotated[
-        offline.Format, typer.Option("--format", help="How to print the rows.")
-    ] = offline.Format.TABLE,
+    form: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.TABLE,
 ) -> None:
     """Ask the history in SQL: views `orders`, `steps`, `events` and `robots`; read-only."""
     with _told():
+        from fleetledger import offline
+
         offline.sql(data, statement, form)
 
 
@@ -203,13 +221,22 @@ ClockText = Annotated[str, typer.Option(help="The core's clock.")]
 def role_scheduler(listen: Listen, connect: Connect, clock: ClockText, data: Data) -> None:
     """Plan and dispatch; ends when standard input closes."""
     with _told():
+        from fleetledger import serving
+
         serving.run_scheduler(listen, connect, clock, data)
 
 
 @role_app.command("sim")
-def role_sim(connect: Connect, clock: ClockText, data: Data, seed: int) -> None:
+def role_sim(
+    connect: Connect,
+    clock: ClockText,
+    data: Data,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")],
+) -> None:
     """Be the simulated robots; ends when standard input closes."""
     with _told():
+        from fleetledger import serving
+
         serving.run_sim(connect, clock, data, seed)
 
 

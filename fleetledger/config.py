@@ -22,6 +22,14 @@ class Auth(StrEnum):
     NONE = "none"
 
 
+class Format(StrEnum):
+    """How rows are printed."""
+
+    TABLE = "table"
+    JSON = "json"
+    CSV = "csv"
+
+
 class Settings(BaseSettings):
     """All options of `serve`; every one is a flag, a FLEETLEDGER_ variable and a TOML key."""
 

@@ -4,7 +4,6 @@ import csv
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from commands.imports.scene_json import read_any, read_scene, write_scene
+from fleetledger.config import Format
 from ledger.errors import Refused
 from ledger.ids import SceneId
 from ledger.moment import At, parse_time
@@ -31,14 +31,6 @@ from sim.warehouses import for_robots
 
 out = Console()
 people = Console(stderr=True)
-
-
-class Format(StrEnum):
-    """How rows are printed."""
-
-    TABLE = "table"
-    JSON = "json"
-    CSV = "csv"
 
 
 def import_scene(
@@ -92,8 +84,8 @@ def verify(data: Path) -> bool:
         out.print(f"  {finding.advice}")
     damaged = any(finding.damage for finding in verdict.findings)
     out.print(
-        f"{'DAMAGED' if damaged else 'sound'}: {verdict.events} events in {verdict.chunks} commits, "
-        f"{verdict.segments} segments, {verdict.snapshots} snapshots"
+        f"{'DAMAGED' if damaged else 'sound'}: {verdict.events} events in {verdict.chunks} "
+        f"commits, {verdict.segments} segments, {verdict.snapshots} snapshots"
     )
     return not damaged
 
