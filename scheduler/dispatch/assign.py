@@ -132,16 +132,16 @@ class _Assignment:
         for n, order in enumerate(rows):
             if len(chunk) == ROWS_MAX:
                 return chunk, list(rows[n:])
-            place = first_place(self.view, order)
-            robots = (self.view.robots[name] for name in sorted(self._allowed(order) & free))
-            if not any(self.costs.cost_s(r, place) < FORBIDDEN for r in robots):
+            waits = order.robot is None
+            if waits and self.crowding.is_full(order):
+                self.crowded.add(order.id)
                 continue
-            if order.robot is None:
-                if self.crowding.is_full(order):
-                    self.crowded.add(order.id)
-                    continue
-                self.crowding.enter(order)
-            chunk.append(order)
+            place = first_place(self.view, order)
+            robots = (self.view.robots[name] for name in self._allowed(order) & free)
+            if any(self.costs.cost_s(r, place) < FORBIDDEN for r in robots):
+                chunk.append(order)
+                if waits:
+                    self.crowding.enter(order)
         return chunk, []
 
     def _match(self, orders: list[Order]) -> list[AnyProposal]:
