@@ -8,7 +8,8 @@ from itertools import count
 from threading import Lock
 
 from ledger.events import AnyEvent, OrderCancelled, OrderCreated, OrderFinished
-from ledger.evolve import evolve, order_after
+from ledger.evolve import evolve
+from ledger.evolve_order import order_after
 from ledger.ids import OrderId, RobotKey, SceneId, robot_key
 from ledger.link import Plan, Report
 from ledger.scene import Value

@@ -2,7 +2,7 @@
 
 from ledger.events import AnyEvent, OrderCreated, SceneImported
 from ledger.events.orders import OfOrder
-from ledger.evolve import order_after, order_created
+from ledger.evolve_order import order_after, order_created
 from ledger.state import Fleet
 from projections.tables import Placed
 

@@ -10,7 +10,7 @@ from threading import Lock
 
 from ledger.events import AnyEvent
 from ledger.events.orders import OfOrder, OrderCreated
-from ledger.evolve import order_after, order_created
+from ledger.evolve_order import order_after, order_created
 from ledger.ids import OrderId, SceneId
 from ledger.snapshot import Read
 from ledger.state import Order

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from ledger.events import AnyEvent
 from ledger.events.orders import OfOrder, OrderCreated
-from ledger.evolve import order_after, order_created
+from ledger.evolve_order import order_after, order_created
 from ledger.ids import OrderId
 from ledger.state import Order
 from replay.frame import OrderFrame, StepFrame, Wire, order_frame, step_frame

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ledger.events import AnyEvent, CommandAnswered
-from ledger.evolve import fold, order_after, order_created
+from ledger.evolve import fold
+from ledger.evolve_order import order_after, order_created
 from ledger.ids import CommandId, OrderId
 from ledger.state import Fleet, Order
 from projections.archive import Archive
