@@ -7,7 +7,7 @@ from itertools import chain, islice
 from ledger.ids import OrderId, PathKey, PointName, RobotName, SceneId
 from ledger.link import ActionPhase, AlarmLevel, Plan, Report
 from ledger.scene import Area, Group, Scene, Value
-from ledger.state import Fleet, Order, OrderKind, Robot, RobotBin, Step
+from ledger.state import BinStatus, Fleet, Order, OrderKind, Robot, RobotBin, Step
 from replay.words import STATUS, order_reason, robot_reason, task
 
 STILL = 0.01  # m/s or rad/s; slower is standing
@@ -160,6 +160,14 @@ def _robot_words(robot: Robot, report: Report | None, plan: Plan | None) -> str:
     return "; ".join(words for words in said if words)
 
 
+def loads_of(robot: Robot, report: Report | None) -> tuple[str, ...]:
+    """What it carries: as it says itself, or else as its orders' steps say."""
+    if report is not None and report.loads:
+        return tuple(load.container for load in report.loads)
+    aboard = (b for b in robot.bins if b.status in (BinStatus.FILLED, BinStatus.CANCELLED))
+    return tuple(b.container or b.order or "" for b in aboard)
+
+
 def robot_frame(robot: Robot, report: Report | None, plan: Plan | None) -> RobotFrame:
     """Put together what the ledger, the robot itself and traffic say of a robot."""
     return RobotFrame(
@@ -180,7 +188,7 @@ def robot_frame(robot: Robot, report: Report | None, plan: Plan | None) -> Robot
         speed=round(report.speed_mps, 2) if report else 0.0,
         battery=round(report.battery_ratio, 3) if report else None,
         point=report.point if report else None,
-        loads=tuple(load.container for load in report.loads) if report else (),
+        loads=loads_of(robot, report),
         target=plan.target if plan else None,
         left=plan.untravelled if plan else (),
         spaces=tuple(space.points for space in plan.spaces) if plan else (),

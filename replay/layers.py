@@ -18,7 +18,7 @@ from ledger.link import Report
 from ledger.scene import XY, Group, PointKind, Scene
 from ledger.state import OrderStatus
 from replay.curves import lines_of
-from replay.frame import RobotState, robot_state
+from replay.frame import RobotState, loads_of, robot_state
 from replay.pictures import Picture
 from replay.words import event_words
 
@@ -146,7 +146,7 @@ class Layers:
             for key in plan.untravelled if plan is not None else ():
                 if key in self._lines:
                     self._ways.put(_flat(self._lines[key], WAY_HEIGHT_M), colour)
-            if report.loads:
+            if loads_of(robot, report):
                 self._loads.put((report.x_m, report.y_m, LOAD_HEIGHT_M), LOAD_COLOUR)
         orders = [o.status for o in picture.fleet.orders.values() if o.scene == self._scene]
         waiting = orders.count(OrderStatus.TO_BE_ALLOCATED)

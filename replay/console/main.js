@@ -35,6 +35,7 @@ const page = {
   /** @type {string | null} */ scene: null,
   /** @type {string | null} */ order: null,
   /** @type {string | null} */ robot: null,
+  /** @type {string | null} */ carrier: null, // robot of the order whose story is open
   frames: 0,
   moment,
   stage,
@@ -190,7 +191,7 @@ async function showDetail(frame, asOf) {
   const picked = page.order ?? page.robot;
   byId("detail").hidden = !picked;
   byId("list").hidden = Boolean(picked);
-  stage.selected = page.robot;
+  stage.selected = page.robot ?? page.carrier;
   if (page.robot) {
     const robot = frame.robots.find((r) => r.name === page.robot);
     const said = JSON.stringify([robot, Math.round(frame.atMs / 1000)]);
@@ -212,7 +213,9 @@ async function showStory(order, asOf, links) {
   try {
     const story = await get("/api/replay/order-story", { orderId: order, asOf });
     said = JSON.stringify(story);
-    stage.selected = story.order.doneMs === null ? story.order.robot : null;
+    if (page.order !== order) return; // something else was picked meanwhile
+    page.carrier = story.order.doneMs === null ? story.order.robot : null;
+    stage.selected = page.carrier;
     shown = () => storyOf(story, links);
   } catch (trouble) {
     if (!(trouble instanceof Refused)) throw trouble;
@@ -232,7 +235,8 @@ function notice(text) {
 
 /** @param {string | null} order @param {string | null} robot */
 function pick(order, robot) {
-  [page.order, page.robot, storyAt, storySaid] = [order, robot, -Infinity, ""];
+  [page.order, page.robot, page.carrier] = [order, robot, null];
+  [storyAt, storySaid] = [-Infinity, ""];
   wake();
 }
 

@@ -220,6 +220,7 @@ def test_an_orders_whole_story_opens_on_a_click(console: Page) -> None:
     console.locator(f'[data-order="{carried(1)}"] button').click()
     expect(console.locator(".events")).to_contain_text("assigned to R1")
     expect(console.locator(".steps li.Done")).to_have_count(1)
+    console.wait_for_function("() => window.fleetledger.stage.selected === 'R1'")
     picture(console, "console-story.png")
     console.locator("#detail").get_by_role("button", name="R1", exact=True).click()
     expect(console.locator("#detail-title")).to_have_text("R1")
