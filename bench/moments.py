@@ -22,14 +22,13 @@ from ledger.evolve import evolve
 from ledger.ids import CommandId, OrderId, RobotName, SceneId
 from ledger.moment import At
 from ledger.scene import Group, RobotConfig
-from ledger.snapshot import save
+from ledger.snapshot import EVENTS_APART, save
 from ledger.state import Fleet, StepTask
 from ledger.store import FileLedger
 from replay.moment import Moments
 
 EVENTS = 1_000_000
 BATCH = 500
-SNAPSHOT_EVENTS = 250_000
 SCENE = SceneId("0" * 24)
 START_MS = 1_700_000_000_000
 
@@ -68,7 +67,7 @@ def write(folder: Path, events: int) -> None:
             batch.append(event)
         ledger.append(batch, first)
         ledger.wait(fleet.position, 30)
-        if fleet.position % SNAPSHOT_EVENTS == 0:
+        if fleet.position % EVENTS_APART == 0:
             save(folder / "snapshots", fleet)
     ledger.close()
 

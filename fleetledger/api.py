@@ -11,7 +11,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER, Keys
-from fleetledger.http import ErrorBody, ThinRoute, install_errors
+from fleetledger.http import ErrorBody, FastLane, ThinRoute, install_errors
 from fleetledger.middleware import Gate
 
 TITLE = "Fleetledger"
@@ -33,10 +33,11 @@ def build(
     """Put the dialects' routes together; `keys` is None where the API is open (loopback only)."""
     app = FastAPIOffline(title=TITLE, description=DESCRIPTION, version="0.1.0", redoc_url=None)
     install_errors(app)
-    app.include_router(_own())
+    routers = (_own(), *routers)
     for router in routers:
         app.include_router(router)
-    app.add_middleware(Gate, keys=keys, position=position, wait=wait)
+    app.add_middleware(FastLane, routers=routers)
+    app.add_middleware(Gate, keys=keys, position=position, wait=wait)  # the outermost
     plain = app.openapi
 
     def openapi() -> dict[str, Any]:

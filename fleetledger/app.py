@@ -38,7 +38,7 @@ from ledger.events import AnyEvent
 from ledger.feed import FeedServer
 from ledger.ids import CommandId, SceneId
 from ledger.moment import At
-from ledger.snapshot import restore, save
+from ledger.snapshot import Snapshotter, restore
 from ledger.state import Fleet
 from ledger.store import FileLedger
 from ledger.telemetry import CHUNK_MS, TelemetryLog
@@ -56,6 +56,7 @@ log = structlog.get_logger()
 POSITION = Gauge("fleetledger_ledger_position", "Newest position on disk")
 LIVE_ORDERS = Gauge("fleetledger_live_orders", "Orders not finished")
 BACKLOG = 2048
+COPY_S_MAX = 5.0  # a loop that is stopping answers nobody
 KEEP_ALIVE_S = 65
 STOP_REQUESTS_S = 1  # for requests under way when told to stop; 5 s in all (contract)
 
@@ -83,7 +84,7 @@ class Core:
         self.durability = Durability(loop, self.ledger.durable, self._apply)
         self.ledger.listen(self.durability.heard)
         self.moments = Moments(settings.data, read=self.ledger.read)
-        self._snapshot_position = fleet.position
+        self._snapshotter = Snapshotter(settings.snapshots, settings.snapshot_events)
         self._snapshot: asyncio.Task[object] | None = None
 
     def _apply(self, events: Sequence[AnyEvent]) -> None:
@@ -91,9 +92,9 @@ class Core:
         self.history.follow(events)
         POSITION.set(self.live.position)
         LIVE_ORDERS.set(len(self.live.fleet.orders))
-        if self.live.position - self._snapshot_position >= self._settings.snapshot_events:
-            self._snapshot_position = self.live.position
-            write = partial(save, self._settings.snapshots, self.live.fleet.copy())
+        idle = self._snapshot is None or self._snapshot.done()
+        if idle and self._snapshotter.due(self.live.position):
+            write = partial(self._snapshotter.save, self.live.fleet.copy())
             self._snapshot = self._loop.create_task(asyncio.to_thread(write))
 
     def visible_fleet(self) -> Fleet:
@@ -102,7 +103,7 @@ class Core:
         async def copy() -> Fleet:
             return self.live.fleet.copy()
 
-        return asyncio.run_coroutine_threadsafe(copy(), self._loop).result()
+        return asyncio.run_coroutine_threadsafe(copy(), self._loop).result(COPY_S_MAX)
 
     async def import_scene(self, path: Path) -> None:
         """Take a scene file in; the same content again changes nothing."""
@@ -126,7 +127,7 @@ class Core:
         await asyncio.to_thread(self.ledger.close)
         self.history.close()
         if self.live.position > 0:
-            save(self._settings.snapshots, self.live.fleet)
+            self._snapshotter.save(self.live.fleet)
 
 
 async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int], None]) -> int:
@@ -146,7 +147,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
     core.ledger.on_failure(failed)
     async with AsyncExitStack() as stack:
         stack.push_async_callback(core.close)
-        fleet_at = partial(_fleet_at, settings)
+        fleet_at = partial(_fleet_at, settings, core.ledger)
         await asyncio.to_thread(core.history.start, core.ledger.read, fleet_at)
         for path in settings.scene:
             await core.import_scene(path)
@@ -182,8 +183,8 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
     return 3 if failures else 0
 
 
-def _fleet_at(settings: Settings, position: int) -> Fleet:
-    return restore(settings.ledger, settings.snapshots, position=position)
+def _fleet_at(settings: Settings, ledger: FileLedger, position: int) -> Fleet:
+    return restore(settings.ledger, settings.snapshots, position=position, read=ledger.read)
 
 
 def _keys(settings: Settings) -> Keys | None:

@@ -12,6 +12,8 @@ from pydantic_settings import (
     TomlConfigSettingsSource,
 )
 
+from ledger.snapshot import EVENTS_APART
+
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 
 
@@ -44,7 +46,7 @@ class Settings(BaseSettings):
     speed: float = Field(1.0, gt=0, le=100)
     seed: int = 1
     rdscore_port: int | None = Field(None, ge=0, le=65534)
-    snapshot_events: int = Field(250_000, ge=1000, description="Events between two snapshots.")
+    snapshot_events: int = Field(EVENTS_APART, ge=1000, description="Events between two snapshots.")
     log_json: bool = False
 
     @model_validator(mode="after")

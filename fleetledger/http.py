@@ -1,24 +1,25 @@
 """HTTP for all dialects: thin documented routes, one shape of error, limits on bodies."""
 
 import inspect
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, get_type_hints
 
 import msgspec
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ledger.errors import LedgerError, Refused
 
 BODY_BYTES_MAX = 1_000_000  # of an ordinary request
 SCENE_BYTES_MAX = 64_000_000  # of an imported scene file
 
-_Handle = Callable[[Request], Coroutine[Any, Any, Response]]
+Handle = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 class ThinRoute(APIRoute):
@@ -29,7 +30,7 @@ class ThinRoute(APIRoute):
     the rate of the hot calls (measured).
     """
 
-    def get_route_handler(self) -> _Handle:
+    def get_route_handler(self) -> Handle:
         """Validate the body from its bytes, call the endpoint, pass its Response on."""
         endpoint = self.endpoint
         hints = get_type_hints(endpoint, include_extras=True)
@@ -64,30 +65,68 @@ def error(status: int, code: str, message: str, args: tuple[object, ...] = ()) -
     return Response(msgspec.json.encode(body), status, media_type="application/json")
 
 
+def answer_to(trouble: Exception) -> Response | None:
+    """Give the answer to an expected trouble; None where it is a bug of ours."""
+    if isinstance(trouble, Refused):
+        return error(trouble.status, trouble.code, trouble.message, trouble.arguments)
+    if isinstance(trouble, ValidationError | RequestValidationError):
+        return error(400, *_first_fault(list(trouble.errors())))
+    if isinstance(trouble, LedgerError):
+        return error(503, "errLedgerUnavailable", f"{trouble} {trouble.hint}")
+    if isinstance(trouble, HTTPException):
+        return error(trouble.status_code, f"errHttp{trouble.status_code}", str(trouble.detail))
+    return None
+
+
+EXPECTED = (Refused, ValidationError, RequestValidationError, LedgerError, HTTPException)
+
+
 def install_errors(app: FastAPI) -> None:
     """Map every expected trouble to its status and ErrorBody."""
 
-    async def refused(_: Request, trouble: Exception) -> Response:
-        assert isinstance(trouble, Refused)
-        return error(trouble.status, trouble.code, trouble.message, trouble.arguments)
+    async def answer(_: Request, trouble: Exception) -> Response:
+        given = answer_to(trouble)
+        assert given is not None
+        return given
 
-    async def invalid(_: Request, trouble: Exception) -> Response:
-        assert isinstance(trouble, ValidationError | RequestValidationError)
-        return error(400, *_first_fault(list(trouble.errors())))
+    for kind in EXPECTED:
+        app.add_exception_handler(kind, answer)
 
-    async def http(_: Request, trouble: Exception) -> Response:
-        assert isinstance(trouble, HTTPException)
-        return error(trouble.status_code, f"errHttp{trouble.status_code}", str(trouble.detail))
 
-    async def ledger(_: Request, trouble: Exception) -> Response:
-        assert isinstance(trouble, LedgerError)
-        return error(503, "errLedgerUnavailable", f"{trouble} {trouble.hint}")
+class FastLane:
+    """Calls the thin routes without parameters in their paths by one look-up.
 
-    app.add_exception_handler(Refused, refused)
-    app.add_exception_handler(ValidationError, invalid)
-    app.add_exception_handler(RequestValidationError, invalid)
-    app.add_exception_handler(HTTPException, http)
-    app.add_exception_handler(LedgerError, ledger)
+    FastAPI documents them and serves everything else: its routing, stacks and telemetry hooks cost
+    100 µs a request (measured), more than deciding and appending an order.
+    """
+
+    def __init__(self, app: ASGIApp, routers: Sequence[APIRouter]) -> None:
+        """Take the application, and the routers whose thin routes are to be quick."""
+        self._app = app
+        self._handles: dict[tuple[str, str], tuple[ThinRoute, Handle]] = {
+            (method, route.path): (route, route.get_route_handler())
+            for router in routers
+            for route in router.routes
+            if isinstance(route, ThinRoute) and "{" not in route.path
+            for method in route.methods or ()
+        }
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve the call, or pass it on."""
+        found = None
+        if scope["type"] == "http":
+            found = self._handles.get((scope["method"], scope["path"]))
+        if found is None:
+            await self._app(scope, receive, send)
+            return
+        scope["route"], handle = found
+        try:
+            response = await handle(Request(scope, receive))
+        except EXPECTED as trouble:
+            answer = answer_to(trouble)
+            assert answer is not None
+            response = answer
+        await response(scope, receive, send)
 
 
 def _first_fault(faults: list[Any]) -> tuple[str, str, tuple[object, ...]]:

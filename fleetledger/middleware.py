@@ -47,6 +47,7 @@ class Gate:
         self._keys = keys
         self._position = position
         self._wait = wait
+        self._figures: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the call on, or refuse it."""
@@ -69,8 +70,18 @@ class Gate:
             await self._pass_or_refuse(scope, receive, send_with_position)
         finally:
             route = getattr(scope.get("route"), "path", "other")
-            CALLS.labels(scope["method"], route, str(status)).inc()
-            SECONDS.labels(route).observe(time.perf_counter() - began)
+            calls, seconds = self._figures_of(scope["method"], route, status)
+            calls.inc()
+            seconds.observe(time.perf_counter() - began)
+
+    def _figures_of(self, method: str, route: str, status: int) -> tuple[Counter, Histogram]:
+        key = (method, route, status)  # finding a labelled child costs more than counting
+        if key not in self._figures:
+            self._figures[key] = (
+                CALLS.labels(method, route, str(status)),
+                SECONDS.labels(route),
+            )
+        return self._figures[key]
 
     async def _pass_or_refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = Headers(scope=scope)

@@ -41,12 +41,15 @@ class Inbox:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._routes: list[Report] = []  # reports with a route answer TellRoute: none is dropped
         self._reports: dict[tuple[SceneId, RobotName], Report] = {}  # only the newest counts
         self._tokens: list[tuple[SceneId, RobotName, bool]] = []
 
     def report(self, report: Report) -> None:
         """Keep a report in place of the robot's last one."""
         with self._lock:
+            if report.route is not None:
+                self._routes.append(report)
             self._reports[report.scene, report.robot] = report
 
     def alive(self, scene: SceneId, robot: RobotName, alive: bool) -> None:
@@ -55,11 +58,12 @@ class Inbox:
             self._tokens.append((scene, robot, alive))
 
     def take(self) -> tuple[list[Report], list[tuple[SceneId, RobotName, bool]]]:
-        """Give everything and be empty; reports in the order of robots' names."""
+        """Give everything and be empty; routes first, then reports by the robots' names."""
         with self._lock:
+            routes, self._routes = self._routes, []
             reports, self._reports = self._reports, {}
             tokens, self._tokens = self._tokens, []
-        return [reports[key] for key in sorted(reports)], tokens
+        return [*routes, *(reports[key] for key in sorted(reports))], tokens
 
 
 class SchedulerRole:
