@@ -104,7 +104,7 @@ def order_reason(order: Order) -> str:
 
 
 def robot_reason(robot: Robot) -> str:
-    """Say why a robot takes no orders, as far as the ledger knows."""
+    """Say what is out of order with a robot, as far as the ledger knows; to be busy is not."""
     if robot.config.disabled:
         return "disabled"
     if not robot.online:
@@ -113,8 +113,6 @@ def robot_reason(robot: Robot) -> str:
         return "off duty"
     if any(b.status is BinStatus.CANCELLED for b in robot.bins):
         return "carries the load of a cancelled order"
-    if robot.bins and all(b.status is not BinStatus.EMPTY for b in robot.bins):
-        return "no free bin"
     return ""
 
 
