@@ -4,11 +4,12 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 import msgspec
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter
 from fastapi_offline import FastAPIOffline
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.types import ASGIApp
 
 from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER, Keys
 from fleetledger.http import ErrorBody, FastLane, ThinRoute, install_errors
@@ -29,15 +30,16 @@ def build(
     keys: Keys | None,
     position: Callable[[], int],
     wait: Callable[[int], Awaitable[bool]],
-) -> FastAPI:
-    """Put the dialects' routes together; `keys` is None where the API is open (loopback only)."""
+) -> ASGIApp:
+    """Put the dialects' routes together; `keys` is None where the API is open (loopback only).
+
+    Gate and fast lane stand before FastAPI, whose own middleware would cost every call.
+    """
     app = FastAPIOffline(title=TITLE, description=DESCRIPTION, version="0.1.0", redoc_url=None)
     install_errors(app)
     routers = (_own(), *routers)
     for router in routers:
         app.include_router(router)
-    app.add_middleware(FastLane, routers=routers)
-    app.add_middleware(Gate, keys=keys, position=position, wait=wait)  # the outermost
     plain = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -46,7 +48,7 @@ def build(
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign] # FastAPI's documented way
-    return app
+    return Gate(FastLane(app, routers), keys=keys, position=position, wait=wait)
 
 
 def _own() -> APIRouter:

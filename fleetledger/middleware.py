@@ -3,12 +3,15 @@
 import time
 from collections.abc import Awaitable, Callable
 
+import structlog
 from prometheus_client import Counter, Histogram
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER, Keys
 from fleetledger.http import BODY_BYTES_MAX, SCENE_BYTES_MAX, error
+
+log = structlog.get_logger()
 
 POSITION_HEADER = "X-Ledger-Position"
 WAIT_HEADER = "X-Wait-Position"
@@ -119,6 +122,11 @@ class Gate:
             await self._app(scope, receive, send)
         except BodyTooLarge:
             answer = error(413, "errBodyTooLarge", f"The body may have {limit} bytes.", (limit,))
+            await answer(scope, receive, send)
+        except Exception:
+            # the last resort: a bug of ours must not cost other clients their server
+            log.exception("call failed", method=scope["method"], path=path, caller=caller)
+            answer = error(500, "errServerBug", "This is a bug of the server; its log has more.")
             await answer(scope, receive, send)
 
     def _caller(self, headers: Headers) -> str | None:
