@@ -70,6 +70,7 @@ class Child:
             return
         assert self._process.stdin is not None
         self._process.stdin.close()
+        self._process.terminate()  # ends one that is still starting, and asks one that runs
         try:
             await asyncio.wait_for(self._process.wait(), STOP_S)
         except TimeoutError:
