@@ -50,6 +50,7 @@ from projections.find import Find
 from projections.history import History
 from projections.live import Live
 from projections.reading import Reader
+from projections.story import Stories
 from replay.moment import Moments
 from replay.source import Source
 
@@ -216,6 +217,7 @@ def _api(core: Core, settings: Settings, keys: Keys | None) -> ASGIApp:
         return core.moments.fleet(At(at_ms=at_ms))
 
     find = Find(core.live, Reader(core.history.cursor), moment, core.clock.now_ms)
+    stories = Stories(core.history, core.live, core.ledger.read)
     source = Source(
         settings.data,
         core.moments,
@@ -224,6 +226,8 @@ def _api(core: Core, settings: Settings, keys: Keys | None) -> ASGIApp:
         comes=core.live.wait,
         reports=core.live.reports,
         plans=core.live.plans,
+        story=stories.story,
+        finished=stories.finished,
     )
     routers = (
         commands.api.m4.router(core.handler, core.durability.reached, ThinRoute),

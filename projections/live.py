@@ -100,6 +100,14 @@ class Live:
             known = any(id_ == ended and at <= until for at, ended in self._ended_at)
             return self.finished.get(id_) if known else None
 
+    def ended_by(self, position: int) -> tuple[Order, ...]:
+        """Give the orders that DuckDB may not have yet and that had ended by a position."""
+        with self._lock:
+            return self._ended(position)
+
+    def _ended(self, position: int) -> tuple[Order, ...]:
+        return tuple(self.finished[id_] for at, id_ in self._ended_at if at <= position)
+
     def now(self) -> Moment:
         """View the present."""
         with self._lock:
@@ -108,8 +116,7 @@ class Live:
     def past(self, fleet: Fleet) -> Moment:
         """View a past state: it has the live orders, here and DuckDB have those ended by then."""
         with self._lock:
-            ended = tuple(self.finished[id_] for at, id_ in self._ended_at if at <= fleet.position)
-            return self._view(fleet, ended, in_order=False)
+            return self._view(fleet, self._ended(fleet.position), in_order=False)
 
     def _view(self, fleet: Fleet, ended: tuple[Order, ...], in_order: bool) -> Moment:
         return Moment(
