@@ -86,19 +86,24 @@ class MemoryBus:
 
     def __init__(self) -> None:
         self._handlers: list[tuple[str, Handler]] = []
+        self._heard_by: dict[str, tuple[Handler, ...]] = {}  # by key, found once
         self._responders: dict[str, Responder] = {}
         self._watchers: list[tuple[str, Watcher]] = []
         self._tokens: dict[str, int] = {}
 
     def publish(self, key: str, payload: bytes) -> None:
         """Deliver to every matching subscription, first subscribed first."""
-        for pattern, handler in tuple(self._handlers):
-            if _matches(pattern, key):
-                handler(key, payload)
+        handlers = self._heard_by.get(key)
+        if handlers is None:
+            found = (handler for pattern, handler in self._handlers if _matches(pattern, key))
+            handlers = self._heard_by[key] = tuple(found)
+        for handler in handlers:
+            handler(key, payload)
 
     def subscribe(self, key: str, handler: Handler) -> None:
         """Deliver matching messages to the handler from now on."""
         self._handlers.append((key, handler))
+        self._heard_by.clear()
 
     def respond(self, key: str, responder: Responder) -> None:
         """Answer the questions asked under the key."""
