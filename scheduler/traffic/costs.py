@@ -1,7 +1,6 @@
 """What it costs to drive on from a place: rows per goal over (place, heading of arrival)."""
 
 from collections import Counter, OrderedDict
-
 from typing import Any
 
 import numpy as np
@@ -48,10 +47,11 @@ class Costs:
         self._reversed, component = self._graph(place_of, heading_of)
         main = Counter(component).most_common(1)[0][0] if component else -1
         home = {place for state, place in enumerate(place_of) if component[state] == main}
-        # Moves out of the largest part whose places all lead to each other: no way back.
+        # Moves that end outside the largest part whose places all lead to each other, and those of
+        # them that leave it: no way back.
+        self.outside = [component[self.state[move]] != main for move in range(moves.count)]
         self.trap = [
-            component[self.state[move]] != main and moves.start[move] in home
-            for move in range(moves.count)
+            outside and moves.start[move] in home for move, outside in enumerate(self.outside)
         ]
         self._kept: OrderedDict[int, list[float]] = OrderedDict()
 

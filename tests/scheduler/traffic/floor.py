@@ -5,6 +5,7 @@ Written for these tests alone and on purpose not taken from `sim`: siblings do n
 
 import math
 import random
+from collections import Counter
 from collections.abc import Mapping
 
 from ledger.ids import PointName, RobotName, SceneId
@@ -188,10 +189,12 @@ class Floor:
         late: float = 0.0,
         service_s: float = 5.0,
         group_of: Mapping[str, int] | None = None,
+        lane_of: Mapping[PointName, str] | None = None,
     ) -> None:
         self.area, self.groups = area, groups
         self.chance = random.Random(seed)
         self.goal_points, self.late, self.service_s = goals, late, service_s
+        self.lane_of = dict(lane_of or {})  # dispatch sends no third order into one of these
         self.points = {point.name: point for point in area.points}
         self.now_ms = 1_000_000
         self.robots: dict[RobotName, Robot] = {}
@@ -234,7 +237,11 @@ class Floor:
                 self.busy[name] = self.now_ms + int(self.service_s * 1000)
             elif goal is None and name not in self.idle:
                 taken = {other.point for other in self.goals.values()}
+                full = Counter(self.lane_of[p] for p in taken if p in self.lane_of)
                 free = [p for p in self.goal_points if p not in taken]
+                free = [p for p in free if full.get(self.lane_of.get(p, ""), 0) < 2]
+                if not free:
+                    continue
                 point = self.chance.choice(free)
                 if self.traffic.cost_s(name, point) < math.inf:
                     self.goals[name] = Goal(point=point, rank=(0, self.now_ms, name))

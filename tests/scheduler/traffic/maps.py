@@ -2,6 +2,7 @@
 
 import json
 import math
+from itertools import pairwise
 from pathlib import Path as FilePath
 
 import pytest
@@ -48,9 +49,9 @@ def lattice(columns: int, rows: int, pitch_m: float = 2.0) -> Area:
     return area_of(points, paths)
 
 
-def warehouse(aisles: int, bays: int, stubs: int, blind: int = 0) -> Area:
-    """Two-way single-lane aisles with a bin each metre between two cross lanes; parking stubs off
-    the lower cross lane; the last `blind` aisles are dead ends.
+def warehouse(aisles: int, bays: int, stubs: int, blind: tuple[int, ...] = ()) -> Area:
+    """Two-way single-lane aisles with a bin each metre between two cross lanes, and parking stubs
+    off the lower one; the aisles of these numbers are dead ends.
     """
     points: list[Point] = []
     paths: list[Path] = []
@@ -60,7 +61,6 @@ def warehouse(aisles: int, bays: int, stubs: int, blind: int = 0) -> Area:
         points.append(Point(name=PointName(name), x_m=x, y_m=y, kind=kind))
         return name
 
-    top = bays + 3.0
     for a in range(aisles):
         x = a * 3.0
         line = [point(f"S{a}", x, 0.0)]
@@ -68,14 +68,14 @@ def warehouse(aisles: int, bays: int, stubs: int, blind: int = 0) -> Area:
             name = point(f"B{a}-{k}", x, 2.0 + k, PointKind.ACTION)
             bins.append(Bin(name=BinName(name), point=PointName(name)))
             line.append(name)
-        if a < aisles - blind:
-            line.append(point(f"N{a}", x, top))
-        for first, second in zip(line, line[1:], strict=False):
+        end = point(f"N{a}", x, bays + 3.0)
+        if a not in blind:
+            line.append(end)
+        for first, second in pairwise(line):
             paths.extend(both(first, second))
         if a:
             paths.extend(both(f"S{a - 1}", f"S{a}"))
-            if a < aisles - blind:
-                paths.extend(both(f"N{a - 1}", f"N{a}"))
+            paths.extend(both(f"N{a - 1}", f"N{a}"))
     for k in range(stubs):
         paths.extend(both(point(f"K{k}", k * 3.0, -2.5, PointKind.PARKING), f"S{k}"))
     return area_of(points, paths, bins)
