@@ -12,6 +12,7 @@ import msgspec
 import structlog
 
 from ledger.events import AnyEvent
+from ledger.state import Order
 from projections.projector import Projector
 from projections.tables import EVENTS, ORDERS, SCHEMA_VERSION, STEPS, arrow, ddl, steps_of
 
@@ -135,6 +136,15 @@ class Archive:
             if self.position - told >= PROGRESS_EVENTS:
                 told = self.position
                 log.info("history is being rebuilt", position=told, since=begin)
+
+    def newest(self, count: int, until: int) -> list[Order]:
+        """Give the newest created orders of those that ended at a position or before."""
+        found = self._connection.execute(
+            "SELECT body FROM orders_done WHERE done_position <= ? "
+            "ORDER BY created_on DESC, id LIMIT ?",
+            [until, count],
+        ).fetchall()
+        return [msgspec.json.decode(body, type=Order) for (body,) in found]
 
     def cursor(self) -> duckdb.DuckDBPyConnection:
         """Give a reader of its own: a cursor must not be shared by threads."""

@@ -18,7 +18,7 @@ from ledger.scene import Value
 from ledger.state import Fleet, Order
 from projections.condition_python import predicate
 from projections.condition_sql import column, order_by, where
-from projections.fields import CREATED, ID, SHOWN, Field, Row
+from projections.fields import CREATED, ID, SHOWN, Field, Row, row
 from projections.live import Live, Moment
 from projections.query import ALL, Condition, How, Test, folded
 from projections.reading import CHUNK_ROWS, Reader
@@ -28,6 +28,8 @@ ROWS_MAX = 1_000_000  # of one answer without a limit
 SKIP_MAX = 10_000_000
 
 T = TypeVar("T")
+NEWEST_FIRST = (Key(field=CREATED, descending=True), Key(field=ID))
+
 At: TypeAlias = int  # epoch milliseconds
 
 
@@ -164,13 +166,13 @@ async def _chunks(
 ) -> AsyncIterator[list[Row]]:
     chunk: list[Row] = []
     number = 0
-    async for row in rows:
+    async for found in rows:
         number += 1
         if number <= skip:
             continue
         if limit is not None and number > skip + limit:
             break
-        chunk.append(row)
+        chunk.append(found)
         if len(chunk) == CHUNK_ROWS:
             yield chunk
             chunk = []
@@ -181,9 +183,7 @@ async def _chunks(
 def _of_memory(moment: Moment, asked: Asked, need: int | None) -> list[_Ranked]:
     """Give the matching orders of memory, sorted; the first `need` of them at least."""
     orders = moment.orders
-    default_page = asked.condition == ALL and asked.fuzzy is None
-    newest_first = asked.sort[0].field is CREATED and asked.sort[0].descending
-    if need is not None and default_page and newest_first and moment.in_order:
+    if need is not None and _is_default(asked) and moment.in_order:
         orders = _newest(orders, need)
     holds = predicate(asked.condition)
     part = None if asked.fuzzy is None else folded(asked.fuzzy)
@@ -191,11 +191,20 @@ def _of_memory(moment: Moment, asked: Asked, need: int | None) -> list[_Ranked]:
     for order in (*orders, *moment.ended):
         scene = moment.scene_names.get(order.scene, "")
         if (part is None or part in folded(order.id)) and holds(order, scene):
-            row = {field.name: field.read(order, scene) for field in asked.fields}
-            values = [key.field.read(order, scene) for key in asked.sort]
-            found.append(_Ranked(rank=rank(asked.sort, values), row=row))
+            found.append(_entry(moment, asked, order))
     found.sort(key=lambda ranked: ranked.rank)
     return found
+
+
+def _is_default(asked: Asked) -> bool:
+    """Whether this is the page that everybody looks at: all orders, the newest first."""
+    return asked.condition == ALL and asked.fuzzy is None and asked.sort == NEWEST_FIRST
+
+
+def _entry(moment: Moment, asked: Asked, order: Order) -> _Ranked:
+    scene = moment.scene_names.get(order.scene, "")
+    values = [key.field.read(order, scene) for key in asked.sort]
+    return _Ranked(rank=rank(asked.sort, values), row=row(order, scene, asked.fields))
 
 
 def _newest(orders: tuple[Order, ...], need: int) -> tuple[Order, ...]:
@@ -218,6 +227,11 @@ def _window(
     the merged list, so of DuckDB only a window as much longer is needed.
     """
     memory = _of_memory(moment, asked, skip + limit)
+    if _is_default(asked) and (moment.newest_are_all or skip + limit <= len(moment.newest)):
+        newest = (_entry(moment, asked, order) for order in moment.newest[: skip + limit])
+        memory.extend(newest)
+        memory.sort(key=lambda ranked: ranked.rank)
+        return [ranked.row for ranked in memory[skip : skip + limit]]
     start = max(0, skip - len(memory))
     sql, parameters = _select(moment, asked)
     sql += " LIMIT ? OFFSET ?"

@@ -12,7 +12,7 @@ import structlog
 from ledger.events import AnyEvent
 from ledger.state import Fleet
 from projections.archive import Archive, Read
-from projections.live import Live
+from projections.live import NEWEST_KEPT, Live
 from projections.projector import Projector
 
 BATCH_EVENTS = 1_000
@@ -64,6 +64,8 @@ class History:
         projector = self._projector()
         archive.catch_up(projector, read, stop=lambda: self._stopped)
         self._live.forget(archive.position)
+        newest = archive.newest(NEWEST_KEPT + 1, self._live.position)
+        self._live.seed(newest[:NEWEST_KEPT], are_all=len(newest) <= NEWEST_KEPT)
         self._thread = Thread(target=self._run, args=(projector,), name="history", daemon=True)
         self._thread.start()
 

@@ -17,6 +17,7 @@ from ledger.state import Fleet, Order
 
 WAIT_S = 5.0  # for a position, then the caller is told that it did not come
 WAITERS_MAX = 10_000
+NEWEST_KEPT = 1_000  # ended orders kept for default pages
 REPORTS_KEPT = 32  # of each robot, so that all can be shown at one instant
 
 
@@ -28,6 +29,8 @@ class Moment(Value, frozen=True, kw_only=True):
     history_position: int  # every order that ended later is in `orders`
     orders: tuple[Order, ...]  # live, in order of creation if `in_order`
     ended: tuple[Order, ...]  # done or cancelled, and not yet to be found in DuckDB
+    newest: tuple[Order, ...]  # newest created of those in DuckDB, the newest first
+    newest_are_all: bool  # DuckDB has no other
     in_order: bool  # creation times never fall along `orders`
     scene_names: dict[SceneId, str]
 
@@ -48,6 +51,8 @@ class Live:
         self.recent: dict[RobotKey, deque[Report]] = {}
         self._ended_at: deque[tuple[int, OrderId]] = deque()  # position of the last event, order
         self._history_position = fleet.position
+        self._newest: tuple[Order, ...] = ()
+        self._newest_are_all = False
         created = [order.created_ms for order in fleet.orders.values()]
         self._in_order = created == sorted(created)
         self._newest_created_ms = max(created, default=0)
@@ -76,18 +81,34 @@ class Live:
                 waiter.set_result(None)
 
     def _end(self, event: OrderFinished | OrderCancelled) -> None:
-        if event.position <= self._history_position:  # the projector read it before we heard
-            return
         ended = order_after(self.fleet.orders[event.order], event)
+        if event.position <= self._history_position:  # the projector read it before we heard
+            self._remember([ended])
+            return
         self.finished[ended.id] = ended
         self._ended_at.append((event.position, ended.id))
 
     def forget(self, position: int) -> None:
         """Drop ended orders up to a position: DuckDB has them now."""
         with self._lock:
+            gone = []
             while self._ended_at and self._ended_at[0][0] <= position:
-                self.finished.pop(self._ended_at.popleft()[1], None)
+                gone.append(self.finished.pop(self._ended_at.popleft()[1]))
+            self._remember(gone)
             self._history_position = max(self._history_position, position)
+
+    def seed(self, newest: Sequence[Order], *, are_all: bool) -> None:
+        """Take the newest created orders that DuckDB has, before the projector follows."""
+        with self._lock:
+            self._newest, self._newest_are_all = (), are_all
+            self._remember(newest)
+
+    def _remember(self, orders: Sequence[Order]) -> None:
+        """Keep the newest created: every order in DuckDB that is not kept is older than these."""
+        if orders:
+            known = sorted((*self._newest, *orders), key=lambda o: (-o.created_ms, o.id))
+            self._newest_are_all = self._newest_are_all and len(known) <= NEWEST_KEPT
+            self._newest = tuple(known[:NEWEST_KEPT])
 
     def order(self, id_: OrderId) -> Order | None:
         """Give an order that is live or has ended lately."""
@@ -125,6 +146,8 @@ class Live:
             history_position=min(self._history_position, fleet.position),
             orders=tuple(fleet.orders.values()),
             ended=ended,
+            newest=self._newest if fleet is self.fleet else (),
+            newest_are_all=self._newest_are_all and fleet is self.fleet,
             in_order=in_order,
             scene_names={id_: scene.name for id_, scene in self.fleet.scenes.items()},
         )

@@ -79,6 +79,22 @@ async def test_newest_first_is_sorted_by_creation_and_then_by_id(side: Side) -> 
     assert list(page.rows) == expected
 
 
+@pytest.mark.parametrize("kept", [0, 4, 30])
+async def test_default_pages_are_the_same_however_many_orders_are_kept_for_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: int
+) -> None:
+    monkeypatch.setattr("projections.live.NEWEST_KEPT", kept)
+    monkeypatch.setattr("projections.history.NEWEST_KEPT", kept)
+    side = Side(tmp_path, LOG, 250)
+    for until in (251, 330, 480, 600):
+        side.go_on(until)
+        expected = sorted(truth(LOG, until), key=lambda row: (-row["createdOn"], row["id"]))
+        for skip in (0, 3, 11, 29):
+            page = await side.find.page(asked(sort=["-createdOn"]), skip, 6)
+            assert list(page.rows) == expected[skip : skip + 6]
+    side.close()
+
+
 async def test_the_past_is_answered_as_it_was_answered_then(side: Side) -> None:
     side.go_on(600)
     for position in range(5, 600, 45):
