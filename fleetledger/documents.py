@@ -7,9 +7,10 @@ from typing import get_type_hints
 import msgspec
 
 from ledger.events import EVENTS, Event
+from projections.sql_views import views_page
 
 ROOT = Path(__file__).parent.parent
-EVENTS_PAGE = ROOT / "docs" / "events.md"
+PAGES = ROOT / "docs"
 
 _HEAD = """# Events
 
@@ -59,9 +60,14 @@ def _type_name(hint: object) -> str:
     return f"`{name.replace('ledger.events.orders.', '')}`".replace("|", "or")
 
 
+# each page by its name in docs/, and what writes it
+WRITTEN = {"events.md": events_page, "sql.md": views_page}
+
+
 def main() -> None:
     """Write all pages."""
-    EVENTS_PAGE.write_text(events_page())
+    for name, page in WRITTEN.items():
+        (PAGES / name).write_text(page())
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fleetledger.documents import EVENTS_PAGE, events_page
+from fleetledger.documents import PAGES, WRITTEN
 from ledger.events import EVENTS
 
 ROOT = Path(__file__).parent.parent
@@ -44,8 +44,9 @@ def test_every_event_says_what_happened_and_is_evolved(event: type) -> None:
     )
 
 
-def test_the_page_of_events_is_fresh() -> None:
-    assert events_page() == EVENTS_PAGE.read_text(), "run `make docs`"
+@pytest.mark.parametrize("name", WRITTEN)
+def test_pages_written_from_the_code_are_fresh(name: str) -> None:
+    assert WRITTEN[name]() == (PAGES / name).read_text(), "run `make docs`"
 
 
 def test_every_file_named_in_the_architecture_exists() -> None:
