@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from threading import Condition, Thread
+from threading import Condition, Lock, Thread
 from typing import TypeAlias
 
 import duckdb
@@ -38,6 +38,7 @@ class History:
         self._newest = 0  # position known to be in the ledger
         self._changed = Condition()
         self.moved = Condition()  # told after each commit
+        self._starting = Lock()
         self._stopped = False
         self._failed = False
         self._archive: Archive | None = None
@@ -50,6 +51,10 @@ class History:
 
         A file that is missing, damaged, of another version or of another ledger is built anew.
         """
+        with self._starting:
+            self._start(read, fleet_at)
+
+    def _start(self, read: Read, fleet_at: FleetAt) -> None:
         self._read, self._fleet_at = read, fleet_at
         archive = Archive.open(self._path)
         if archive.position > self._live.position or not archive.belongs_to(read):
@@ -63,6 +68,8 @@ class History:
         self._archive = archive
         projector = self._projector()
         archive.catch_up(projector, read, stop=lambda: self._stopped)
+        if self._stopped:
+            return
         self._live.forget(archive.position)
         newest = archive.newest(NEWEST_KEPT + 1, self._live.position)
         self._live.seed(newest[:NEWEST_KEPT], are_all=len(newest) <= NEWEST_KEPT)
@@ -100,6 +107,10 @@ class History:
         with self._changed:
             self._stopped = True
             self._changed.notify()
+        with self._starting:  # a rebuild ends after the batch it is at
+            self._close()
+
+    def _close(self) -> None:
         if self._thread is not None:
             self._thread.join(CLOSE_S / 2)
             if self._thread.is_alive():
