@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 from rich.console import Console
+from rich.markup import escape
 
 from fleetledger.config import Auth, Format, Settings
 from ledger.errors import LedgerError, Refused
@@ -248,13 +249,16 @@ class _told:
 
     def __exit__(self, kind: object, trouble: BaseException | None, trace: object) -> None:
         if isinstance(trouble, LedgerError):
-            errors.print(f"[red]{type(trouble).__name__}[/]: {trouble}\n{trouble.hint}")
+            errors.print(
+                f"[red]{type(trouble).__name__}[/]: {escape(str(trouble))}\n{trouble.hint}"
+            )
         elif isinstance(trouble, Refused):
-            errors.print(f"[red]{trouble.code}[/]: {trouble.message}")
+            errors.print(f"[red]{trouble.code}[/]: {escape(trouble.message)}")
         elif isinstance(trouble, ValidationError):
             for fault in trouble.errors():
                 name = ".".join(str(part) for part in fault["loc"]) or "options"
-                errors.print(f"[red]{name}[/]: {fault['msg'].removeprefix('Value error, ')}")
+                words = fault["msg"].removeprefix("Value error, ")
+                errors.print(f"[red]{name}[/]: {escape(words)}")
         else:
             return
         raise typer.Exit(2)

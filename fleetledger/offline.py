@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -67,7 +68,9 @@ def check_scene(file: Path) -> bool:
     """Print what a planner would trip over; False if the scene is unusable."""
     findings = planner_findings(read_scene(file.read_bytes()))
     for finding in findings:
-        out.print(f"[{'red' if finding.unusable else 'yellow'}]{finding.code}[/] {finding.words}")
+        out.print(
+            f"[{'red' if finding.unusable else 'yellow'}]{finding.code}[/] {escape(finding.words)}"
+        )
     if not findings:
         out.print("Nothing to say against it.")
     return not any(finding.unusable for finding in findings)
@@ -80,7 +83,7 @@ def verify(data: Path) -> bool:
     for finding in verdict.findings:
         colour = "red" if finding.damage else "yellow"
         at = "" if finding.position is None else f", position {finding.position}"
-        out.print(f"[{colour}]{finding.path}[/], byte {finding.offset}{at}: {finding.what}")
+        out.print(f"[{colour}]{finding.path}[/], byte {finding.offset}{at}: {escape(finding.what)}")
         out.print(f"  {finding.advice}")
     damaged = any(finding.damage for finding in verdict.findings)
     out.print(
