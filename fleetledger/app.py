@@ -92,6 +92,7 @@ class Core:
         self.handler = Handler(fleet, self.ledger, self.clock.now_ms, new_id)
         self.live = Live(fleet.copy())
         self.history = History(settings.data / "history.duckdb", self.live)
+        self.reader = Reader(self.history.cursor, self.history.damaged)
         self.durability = Durability(loop, self.ledger.durable, self._apply)
         self.ledger.listen(self.durability.heard)
         self.moments = Moments(settings.data, read=self.ledger.read)
@@ -136,6 +137,7 @@ class Core:
         if self._snapshot is not None:
             await self._snapshot
         await asyncio.to_thread(self.ledger.close)
+        self.reader.close()
         self.history.close()
         if self.live.position > 0:
             self._snapshotter.save(self.live.fleet)
@@ -216,7 +218,7 @@ def _api(core: Core, settings: Settings, keys: Keys | None) -> ASGIApp:
     def moment(at_ms: int) -> Fleet:
         return core.moments.fleet(At(at_ms=at_ms))
 
-    find = Find(core.live, Reader(core.history.cursor), moment, core.clock.now_ms)
+    find = Find(core.live, core.reader, moment, core.clock.now_ms)
     stories = Stories(core.history, core.live, core.ledger.read)
     source = Source(
         settings.data,
