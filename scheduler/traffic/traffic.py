@@ -5,6 +5,7 @@ that it owns. The planner only proposes; every proposal is checked against the g
 """
 
 from collections.abc import Mapping, Sequence, Set
+from itertools import islice
 from pathlib import Path as FilePath
 
 from ledger.ids import PointName, RobotName, SceneId
@@ -57,6 +58,7 @@ class Traffic:
         self._plan_ms = 0
         self._touched: set[RobotName] = set()
         self._resend_ms = 0
+        self._spaces: dict[int, Space] = {}  # of cells, as shown to those who look on
 
     # -- robots come, report, and go
 
@@ -340,11 +342,7 @@ class Traffic:
         return [self._plan_of(track, now_ms) for track in self._tracks.values()]
 
     def _plan_of(self, track: Track, now_ms: int) -> Plan:
-        spaces = []
-        for slot in list(track.owned)[:SPACES_MAX]:
-            shape = self.grants.is_shape(slot.cell)
-            ring = self.grants.ring(slot.cell) if shape else self.roadmap.ring(slot.cell)
-            spaces.append(Space(points=tuple((round(x, 3), round(y, 3)) for x, y in ring)))
+        spaces = [self._space(slot.cell) for slot in islice(track.owned, SPACES_MAX)]
         blockers: list[str] = []
         if track.promised:
             slot = track.promised[0]
@@ -362,6 +360,15 @@ class Traffic:
             commit=track.commit,
             moving=not track.driven,
         )
+
+    def _space(self, cell: int) -> Space:
+        if self.grants.is_shape(cell):  # made for one robot and one moment
+            ring = self.grants.ring(cell)
+            return Space(points=tuple((round(x, 3), round(y, 3)) for x, y in ring))
+        space = self._spaces.get(cell)
+        if space is None:
+            space = self._spaces[cell] = Space(points=self.roadmap.ring(cell))
+        return space
 
 
 def _stale(track: Track, report: Report) -> bool:
