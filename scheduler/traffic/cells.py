@@ -123,7 +123,7 @@ def lay_out(
 def _open_rings(polygons: Polygons) -> tuple[Floats, npt.NDArray[np.int64]]:
     """Corners of all polygons without the closing one, and where each polygon begins."""
     xy, owner = shapely.get_coordinates(polygons, return_index=True)
-    last = np.append(owner[1:] != owner[:-1], True)
+    last = np.append(owner[1:] != owner[:-1], True)[: len(owner)]
     counts = np.bincount(owner, minlength=len(polygons)) - 1
     return xy[~last], np.concatenate(([0], np.cumsum(counts)))
 

@@ -70,11 +70,8 @@ def _area(scene: SceneFile, area: Area) -> list[Finding]:
         words = f"Area {area.name} has no place where a robot may rest."
         return [*found, Finding(code="NoStop", words=words, unusable=True)]
     found += _near(area, roadmap, scene.groups)
-    if roadmap.places.stops == 1 or not roadmap.moves.count:
-        words = (
-            f"Area {area.name} has {roadmap.places.stops} stop, and no robot can go from one stop "
-            "to another."
-        )
+    if not roadmap.moves.count:
+        words = f"Area {area.name}: no robot can go from one place to another."
         return [*found, Finding(code="NoMove", words=words, unusable=True)]
     found += _room(area, roadmap, len(scene.robots) if len(scene.areas) == 1 else 0)
     found += _reach(area, roadmap, costs)
@@ -139,10 +136,10 @@ def _room(area: Area, roadmap: Roadmap, robots: int) -> list[Finding]:
     flow with 10 % of the stops taken, 0.5 with 27 %).
     """
     stops = roadmap.places.stops
-    if robots >= stops:
+    if robots > 1 and robots >= stops:
         words = f"Area {area.name} has {stops} stops: {robots} robots have no room to move."
         return [Finding(code="TooManyRobots", words=words, unusable=True)]
-    if robots > stops / 4:
+    if robots > max(1, stops / 4):
         words = (
             f"Area {area.name}: {robots} robots on {stops} stops will mostly wait for each other."
         )

@@ -21,7 +21,7 @@ from scheduler.traffic.pockets import find
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.stops import Places, choose
 
-COMPILER = 1  # grows whenever the same area gives another roadmap
+COMPILER = 3  # grows whenever the same area gives another roadmap
 
 
 def digest_of(area: Area, groups: Sequence[Group]) -> str:
@@ -158,7 +158,7 @@ def _save(file: FilePath, cells: Cells, places: Places, moves: Moves) -> None:
 
 def _load(file: FilePath) -> tuple[Cells, Places, Moves] | None:
     try:
-        with np.load(file, allow_pickle=False) as kept:
+        with file.open("rb") as raw, np.load(raw, allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files}
             return _unpack(arrays)
     except (OSError, ValueError, KeyError, BadZipFile, EOFError):

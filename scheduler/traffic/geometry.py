@@ -197,7 +197,8 @@ def sweeps(traces: Traces, corners: Floats) -> Polygons:
         if len(numbers):
             count = len(poses)
             corner_xy = placed(corners, poses.reshape(-1, 3)).reshape(count, -1, 2)
-            cells[numbers] = shapely.convex_hull(shapely.linestrings(corner_xy))
+            # Rounded to 1 um, so that both ways of a straight lane give the same corners.
+            cells[numbers] = shapely.convex_hull(shapely.linestrings(np.round(corner_xy, 6)))
     return cells
 
 

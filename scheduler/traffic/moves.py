@@ -5,10 +5,13 @@ the move is committed.
 """
 
 import heapq
+from collections import Counter
 from typing import TypeAlias
 
 import msgspec
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ledger.scene import Kinematics
 from scheduler.traffic.cells import Cells
@@ -20,6 +23,7 @@ from scheduler.traffic.stops import Places
 # A way is cut once it passes so near to more stops than this that they must be empty. Without it
 # an open grid of 0.5 m gave 408 000 moves in 97 s; with it 5 545 in 0.5 s (measured).
 THIRD_PARTIES_MAX = 2
+THIRD_PARTIES_MAX_APART = 6  # where parts of the map would else be out of reach
 DETOUR_MAX = 3.0  # times the cheapest move to the same end
 EXPANDED_MAX = 5_000  # paths looked at from one start on
 
@@ -68,23 +72,49 @@ class Finder:
         """Every move from every place."""
         found = Moves(start=[], end=[], paths=[], need=[])
         for start in range(len(self.places.point)):
-            best: dict[_Key, _Way] = {}
-            for limit in (THIRD_PARTIES_MAX, 3 * THIRD_PARTIES_MAX):
-                for first in self.net.out[self.places.point[start]]:
-                    self._from(start, first, limit, best)
-                if best:
-                    break
-            cheapest: dict[int, float] = {}
-            for (end, _, _), (cost, _, _) in best.items():
-                cheapest[end] = min(cost, cheapest.get(end, cost))
-            for (end, _, _), (cost, paths, met) in best.items():
-                if cost <= DETOUR_MAX * cheapest[end]:
-                    found.start.append(start)
-                    found.end.append(end)
-                    found.paths.append(paths)
-                    need = met | 1 << end | self.places.conflict[end]
-                    found.need.append(need & ~(1 << start))
+            self._add(found, start, self._best(start, THIRD_PARTIES_MAX))
+        part = self._parts(found)
+        reached = set(found.end)
+        if any(part) or len(reached) < len(part):
+            # Cut too early somewhere: join what is apart by ways that pass near more stops.
+            for start in range(len(self.places.point)):
+                wider = self._best(start, THIRD_PARTIES_MAX_APART)
+                missing = {
+                    key: way
+                    for key, way in wider.items()
+                    if part[key[0]] != part[start] or key[0] not in reached
+                }
+                self._add(found, start, missing)
         return found
+
+    def _best(self, start: int, limit: int) -> dict[_Key, _Way]:
+        best: dict[_Key, _Way] = {}
+        for first in self.net.out[self.places.point[start]]:
+            self._from(start, first, limit, best)
+        return best
+
+    def _add(self, found: Moves, start: int, best: dict[_Key, _Way]) -> None:
+        cheapest: dict[int, float] = {}
+        for (end, _, _), (cost, _, _) in best.items():
+            cheapest[end] = min(cost, cheapest.get(end, cost))
+        for (end, _, _), (cost, paths, met) in best.items():
+            if cost <= DETOUR_MAX * cheapest[end]:
+                found.start.append(start)
+                found.end.append(end)
+                found.paths.append(paths)
+                need = met | 1 << end | self.places.conflict[end]
+                found.need.append(need & ~(1 << start))
+
+    def _parts(self, found: Moves) -> list[int]:
+        """Numbers the parts of the map whose places all lead to each other, the largest 0; a
+        goal-only stop, which leads nowhere else, is of the part of its neighbours if it is of one.
+        """
+        count = len(self.places.point)
+        graph = csr_matrix((np.ones(found.count), (found.start, found.end)), shape=(count, count))
+        _, labels = connected_components(graph, directed=True, connection="strong")
+        order = [label for label, _ in Counter(labels.tolist()).most_common()]
+        rank = {label: k for k, label in enumerate(order)}
+        return [rank[label] for label in labels.tolist()]
 
     def _from(self, start: int, first: int, limit: int, best: dict[_Key, _Way]) -> None:
         """Ways that begin with one path, cut at stops, running through goal-only stops."""

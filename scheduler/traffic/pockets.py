@@ -26,17 +26,10 @@ def find(places: Places, moves: Moves, lengths_m: list[float]) -> Pockets:
         near[end][start] = min(length, near[end].get(start, length))
     stops = range(places.stops)
     links = [{k for k in near[stop] if k < places.stops} for stop in stops]
-    alive = set(stops)
-    leaves = [stop for stop in stops if len(links[stop]) <= 1]
-    while leaves and len(alive) > 1:
-        leaf = leaves.pop()
-        if leaf not in alive or len(alive) == 1:
-            continue
-        alive.discard(leaf)
-        for other in links[leaf] & alive:
-            links[other].discard(leaf)
-            if len(links[other]) <= 1:
-                leaves.append(other)
+    alive = _core(links)
+    if len(alive) <= 1:  # a tree: its widest branching is the mouth of all; a line has no pockets
+        widest = max(stops, key=lambda k: (len(links[k]), -k), default=0)
+        alive = {widest} if links and len(links[widest]) > 2 else set(stops)
     pocket, depth = [-1] * count, [0.0] * count
     for stop in stops:
         if stop not in alive and pocket[stop] < 0:
@@ -49,6 +42,22 @@ def find(places: Places, moves: Moves, lengths_m: list[float]) -> Pockets:
             pocket[place] = inside.pop()
             depth[place] = min(depth[k] + near[place][k] for k in around)
     return Pockets(pocket=pocket, depth_m=depth)
+
+
+def _core(links: list[set[int]]) -> set[int]:
+    """Stops that are left when leaves are pruned until there are none."""
+    alive = set(range(len(links)))
+    degree = [len(others) for others in links]
+    leaves = [stop for stop in range(len(links)) if degree[stop] <= 1]
+    while leaves:
+        leaf = leaves.pop()
+        if leaf in alive:
+            alive.discard(leaf)
+            for other in sorted(links[leaf] & alive):
+                degree[other] -= 1
+                if degree[other] <= 1:
+                    leaves.append(other)
+    return alive
 
 
 def _flood(

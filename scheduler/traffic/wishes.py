@@ -48,21 +48,22 @@ def relocate(roadmap: Roadmap, tracks: Iterable[Track], fixed: Set[RobotName]) -
         if not idle or pocket < 0 or not in_way:
             track.relocation = None
         elif track.relocation is None:
-            track.relocation = _outside(roadmap, track, pocket, taken)
+            track.relocation = _elsewhere(roadmap, track, wanted[pocket] + DEEPER_M, taken)
             if track.relocation is not None:
                 taken.add(track.relocation)
 
 
-def _outside(roadmap: Roadmap, track: Track, pocket: int, taken: set[int]) -> int | None:
-    """The nearest free stop outside any pocket, or outside this one."""
+def _elsewhere(roadmap: Roadmap, track: Track, deep_m: float, taken: set[int]) -> int | None:
+    """The nearest free stop outside any pocket, else outside this one, else deep in this one."""
     assert track.place is not None
-    pockets = roadmap.pockets.pocket
-    best: tuple[bool, float, int] | None = None
+    pockets, depth = roadmap.pockets.pocket, roadmap.pockets.depth_m
+    best: tuple[int, float, int] | None = None
     for place in range(roadmap.places.stops):
-        if place in taken or pockets[place] == pocket:
+        same = pockets[place] == pockets[track.place]
+        if place in taken or (same and depth[place] <= deep_m):
             continue
         cost = track.costs.cost_s(track.place, track.heading_rad, place)
-        found = (pockets[place] >= 0, cost, place)
+        found = (2 if same else int(pockets[place] >= 0), cost, place)
         if cost < INFINITE and (best is None or found < best):
             best = found
     return None if best is None else best[2]

@@ -7,6 +7,7 @@ import math
 import random
 from collections import Counter
 from collections.abc import Mapping
+from itertools import pairwise
 
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Mark, Piece, Report, TellRoute
@@ -41,8 +42,7 @@ class Curve:
         level = list(controls)
         while len(level) > 1:
             level = [
-                (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t)
-                for a, b in zip(level, level[1:], strict=False)
+                (a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t) for a, b in pairwise(level)
             ]
         return level[0]
 
@@ -112,6 +112,7 @@ class Robot:
             return
         limits = self.group.kinematics
         if piece.path is None:
+            self.speed = 0.0
             room = piece.length_m - self.progress.along_m
             if self.authority < Mark(piece=piece.number, along_m=piece.length_m):
                 room = 0.0
@@ -210,7 +211,9 @@ class Floor:
         self.busy: dict[RobotName, int] = {}
         self.done: dict[RobotName, int] = dict.fromkeys(self.robots, 0)
         self.last_done: dict[RobotName, int] = dict.fromkeys(self.robots, self.now_ms)
-        self.longest_ms = 0
+        self.longest_ms = 0  # that one order has taken
+        self.moved_ms: dict[RobotName, int] = dict.fromkeys(self.robots, self.now_ms)
+        self.still_ms = 0  # longest that a robot with an order stood still, without a fault
         self.idle: set[RobotName] = set()
         self.traffic = self.fresh_traffic()
 
@@ -228,6 +231,7 @@ class Floor:
         for name in self.robots:
             goal = self.goals.get(name)
             if name in self.busy:
+                self.moved_ms[name] = self.now_ms
                 if self.now_ms >= self.busy[name]:
                     del self.busy[name]
                     del self.goals[name]
@@ -249,13 +253,18 @@ class Floor:
     def tick(self, report_loss: float = 0.0) -> None:
         self.now_ms += int(DT_S * 1000)
         for robot in self.robots.values():
+            before = robot.progress
             robot.step(DT_S, self.chance, self.late)
+            if robot.speed or robot.frozen_s > 0 or robot.progress != before:
+                self.moved_ms[robot.name] = self.now_ms
             report = robot.report(self.now_ms, self.area.id)
             if self.chance.random() >= report_loss:
                 self.traffic.observe(report)
         self._orders()
         for message in self.traffic.step(self.now_ms, self.goals, self.busy.keys()):
             self.robots[message.robot].tell(message)
+        for name in self.goals.keys() - self.busy.keys():
+            self.still_ms = max(self.still_ms, self.now_ms - self.moved_ms[name])
         for name in self.goals:
             self.longest_ms = max(self.longest_ms, self.now_ms - self.last_done[name])
 
