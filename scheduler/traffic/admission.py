@@ -174,9 +174,9 @@ class Admission:
             track.way_m += piece.length_m if piece.path is not None else 0.0
         known = sum(slot.end is not None and slot.end <= report.authority for slot in slots[:-1])
         passed = sum(slot.end is not None and slot.end <= report.progress for slot in slots[:-1])
-        if not known:  # it has not set out: it owns the ground under it, however it stands
+        if not known:  # it has not set out: it owns the ground under it, and may go no further
             self._claim(track, report, None)
-            track.owned[-1].end = slots[0].end
+            track.owned[-1].end = report.authority
         for slot in slots[min(passed, max(known - 1, 0)) : known]:
             self.grants.take(slot.cell, track.name)
             track.owned.append(slot)
