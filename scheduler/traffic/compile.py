@@ -21,7 +21,7 @@ from scheduler.traffic.pockets import find
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.stops import Places, choose
 
-COMPILER = 3  # grows whenever the same area gives another roadmap
+COMPILER = 4  # grows whenever the same area gives another roadmap
 
 
 def digest_of(area: Area, groups: Sequence[Group]) -> str:

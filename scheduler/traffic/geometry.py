@@ -15,7 +15,9 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Polygons: TypeAlias = npt.NDArray[np.object_]
 
 PIECE_M = 0.5  # longest piece of a path whose sweep is one cell
-SAMPLES = 10  # poses per curved piece: one each 5 cm
+# Steps between poses in a curved piece, by how far the heading turns in it at most (radians): one
+# pose each 5 cm, and never a step of more than about 0.05 rad.
+SAMPLES = ((10, 0.5), (40, 2.0), (160, math.inf))
 # Every footprint is widened by this. It covers pose error, heading steps below SMOOTH_RAD, and
 # what sampling leaves out between poses: step² · curvature / 8 = 0.3 mm at a radius of 1 m.
 MARGIN_M = 0.05
@@ -109,8 +111,8 @@ class Traces(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     first: list[int]  # paths + 1: pieces of path p are first[p] .. first[p + 1]
     heading_start: list[float]  # of the body: tangent, turned by pi on backward paths
     heading_end: list[float]
-    straight: tuple[npt.NDArray[np.int64], Floats]  # piece numbers and their poses (n, 2, 3)
-    curved: tuple[npt.NDArray[np.int64], Floats]  # the same with (n, SAMPLES + 1, 3)
+    # Piece numbers and their poses (n, samples, 3), for each number of samples
+    batches: list[tuple[npt.NDArray[np.int64], Floats]]
 
 
 def curve_of(area: Area, path: Path) -> tuple[XY, ...]:
@@ -122,8 +124,7 @@ def curve_of(area: Area, path: Path) -> tuple[XY, ...]:
 def trace(curves: Sequence[tuple[XY, ...]], backward: Sequence[bool]) -> Traces:
     """Sample every path; straight pieces need their two end poses only, for a hull is exact."""
     lengths, first, starts, ends = [], [0], [], []
-    straight: tuple[list[int], list[Floats]] = ([], [])
-    curved: tuple[list[int], list[Floats]] = ([], [])
+    batches: dict[int, tuple[list[int], list[Floats]]] = {}
     for controls, reverse in zip(curves, backward, strict=True):
         flip = math.pi if reverse else 0.0
         plain = is_straight(controls)
@@ -135,8 +136,9 @@ def trace(curves: Sequence[tuple[XY, ...]], backward: Sequence[bool]) -> Traces:
         else:
             length, _ = poses_along(controls, 2, reverse)
             count = max(1, math.ceil(length / PIECE_M - 1e-9))
-            length, poses = poses_along(controls, count * SAMPLES + 1, reverse)
-        step, (numbers, kept) = (1, straight) if plain else (SAMPLES, curved)
+            length, poses = _close_poses(controls, count, reverse)
+        step = (len(poses) - 1) // count
+        numbers, kept = batches.setdefault(step, ([], []))
         for k in range(count):
             numbers.append(first[-1] + k)
             kept.append(poses[k * step : (k + 1) * step + 1])
@@ -150,19 +152,21 @@ def trace(curves: Sequence[tuple[XY, ...]], backward: Sequence[bool]) -> Traces:
         first=first,
         heading_start=starts,
         heading_end=ends,
-        straight=_stack(straight, 2),
-        curved=_stack(curved, SAMPLES + 1),
+        batches=[
+            (np.asarray(numbers, dtype=np.int64), np.asarray(kept, dtype=np.float64))
+            for _, (numbers, kept) in sorted(batches.items())
+        ],
     )
 
 
-def _stack(
-    found: tuple[list[int], list[Floats]], samples: int
-) -> tuple[npt.NDArray[np.int64], Floats]:
-    numbers, poses = found
-    return (
-        np.asarray(numbers, dtype=np.int64),
-        np.asarray(poses, dtype=np.float64).reshape(-1, samples, 3),
-    )
+def _close_poses(controls: Sequence[XY], pieces: int, backward: bool) -> tuple[float, Floats]:
+    """Poses so close that the hull of neighbours holds all between them, in sharp bends too."""
+    for steps, turning_max in SAMPLES:
+        length, poses = poses_along(controls, pieces * steps + 1, backward)
+        turns = np.abs((np.diff(poses[:, 2]) + math.pi) % (2 * math.pi) - math.pi)
+        if turns.reshape(pieces, steps).sum(axis=1).max() <= turning_max:
+            break
+    return length, poses
 
 
 def widened(footprint: Sequence[XY], margin_m: float = MARGIN_M) -> Floats:
@@ -193,12 +197,10 @@ def sweeps(traces: Traces, corners: Floats) -> Polygons:
     While the reference point is inside the piece, the body is inside this polygon.
     """
     cells = np.empty(traces.first[-1], dtype=object)
-    for numbers, poses in (traces.straight, traces.curved):
-        if len(numbers):
-            count = len(poses)
-            corner_xy = placed(corners, poses.reshape(-1, 3)).reshape(count, -1, 2)
-            # Rounded to 1 um, so that both ways of a straight lane give the same corners.
-            cells[numbers] = shapely.convex_hull(shapely.linestrings(np.round(corner_xy, 6)))
+    for numbers, poses in traces.batches:
+        corner_xy = placed(corners, poses.reshape(-1, 3)).reshape(len(poses), -1, 2)
+        # Rounded to 1 um, so that both ways of a straight lane give the same corners.
+        cells[numbers] = shapely.convex_hull(shapely.linestrings(np.round(corner_xy, 6)))
     return cells
 
 

@@ -42,6 +42,8 @@ def outside(plan: Plan, true_body: shapely.Polygon) -> bool:
 def _overlaps(
     shapes: list[tuple[RobotName, shapely.Polygon]], least_m2: float
 ) -> list[tuple[RobotName, RobotName]]:
+    if not shapes:
+        return []
     polygons = [shape for _, shape in shapes]
     left, right = shapely.STRtree(polygons).query(polygons, predicate="intersects")
     found = set()

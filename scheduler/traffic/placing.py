@@ -44,7 +44,7 @@ def _segments(roadmap: Roadmap) -> tuple[list[int], Floats, Floats, list[float]]
     owner = np.repeat(np.arange(len(traces.length_m)), np.diff(traces.first))
     piece_m = np.asarray(traces.length_m) / np.maximum(np.diff(traces.first), 1)
     paths, starts, ends, before = [], [], [], []
-    for numbers, poses in (traces.straight, traces.curved):
+    for numbers, poses in traces.batches:
         steps = poses.shape[1] - 1
         for step in range(steps):
             path = owner[numbers]
@@ -53,6 +53,8 @@ def _segments(roadmap: Roadmap) -> tuple[list[int], Floats, Floats, list[float]]
             ends.append(poses[:, step + 1])
             piece = numbers - np.asarray(traces.first)[path]
             before.append(piece_m[path] * (piece + step / steps))
+    if not paths:
+        return [], np.empty((0, 3)), np.empty((0, 3)), []
     return (
         np.concatenate(paths).tolist(),
         np.concatenate(starts),

@@ -12,8 +12,9 @@ from itertools import pairwise
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Mark, Piece, Report, TellRoute
 from ledger.scene import XY, Area, Group
+from scheduler.goal import Goal
 from scheduler.traffic.judge import body, collisions, double_grants, outside
-from scheduler.traffic.traffic import Goal, Traffic
+from scheduler.traffic.traffic import Traffic
 
 SCENE = SceneId("0123456789abcdef01234567")
 DT_S = 0.1

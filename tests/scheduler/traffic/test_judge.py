@@ -28,6 +28,11 @@ def test_bodies_collide_only_if_they_overlap():
     assert collisions({A: body(BOX, 0.0, 0.0, 0.0), B: turned}) == []
 
 
+def test_an_empty_floor_has_no_collisions():
+    assert collisions({}) == []
+    assert double_grants([plan(A)]) == []
+
+
 def test_ground_held_twice_is_named_and_touching_is_not():
     assert double_grants([plan(A, square(0)), plan(B, square(0.5))]) == [(A, B)]
     assert double_grants([plan(A, square(0), square(0.5)), plan(B, square(1.5))]) == []

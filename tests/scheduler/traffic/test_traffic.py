@@ -6,7 +6,8 @@ import pytest
 from ledger.ids import PointName, RobotName
 from ledger.link import Drive, Mark, TellRoute
 from ledger.scene import Group, Kinematics, Point
-from scheduler.traffic.traffic import Goal, Traffic
+from scheduler.goal import Goal
+from scheduler.traffic.traffic import Traffic
 from tests.scheduler.traffic.floor import SCENE, Floor
 from tests.scheduler.traffic.maps import area_of, both, lattice, warehouse
 
