@@ -17,7 +17,7 @@ from scheduler.view import RobotView, View
 
 SYSTEM_PRIORITY = -1_000_000  # parking and charging give way to every business order
 CHARGE = "Charge"
-SETTLED_MS = 500  # who has been on one spot for so long rests, whatever noise its speed shows
+SETTLED_MS = 2_000  # so long on one spot is rest, whatever noise the speed shows
 
 
 class Action(Value, frozen=True, kw_only=True):
