@@ -23,6 +23,9 @@ PAIRS_MAX = 24  # two-move operations looked at per pushed robot
 IDLE_OCCUPIED_S = 5.0  # an idle robot rather goes where it pushes nobody
 IDLE_GOAL_S = 8.0  # and not where somebody wants to go
 IDLE_POCKET_S = 15.0  # and not into a dead end
+# Nor does one that is pushed on its way: whoever pushes may be bound for that dead end, and would
+# have it in front of itself again (found on a real map: three robots at it for ever).
+POCKET_S = 60.0
 
 # Moves to be committed one after the other; () = turn in place at the goal, None = stay.
 Operation: TypeAlias = tuple[int, ...] | None
@@ -245,12 +248,15 @@ class _Planner:
         of them, not from a row: a guessed heading would make it stay for ever.
         """
         taken = self.waiting | self.settled
+        pocket = self.roadmap.pockets.pocket
         found: list[tuple[float, Operation]] = []
         for move in self.roadmap.leaving[agent.place]:
             value = agent.costs.onward_s(agent.place, agent.heading_rad, move, goal)
             if value < INFINITE and self._usable(agent, move):
-                end = 1 << self.roadmap.moves.end[move]
-                found.append((value + OCCUPIED_S if taken & end else value, (move,)))
+                end = self.roadmap.moves.end[move]
+                value += OCCUPIED_S if taken >> end & 1 else 0.0
+                strange = pocket[end] not in (-1, pocket[agent.place], pocket[goal])
+                found.append((value + POCKET_S if strange else value, (move,)))
         if agent.place == goal:
             found.append((0.0, None))
             if self.roadmap.final_turn_rad(goal, agent.heading_rad):

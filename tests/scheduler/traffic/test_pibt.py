@@ -126,3 +126,31 @@ def test_a_dead_end_is_entered_past_nobody():
     assert has_token(roadmap, pocket, shallow, [deep])
     assert not has_token(roadmap, pocket, deep, [shallow])
     assert not has_token(roadmap, pocket, shallow, [deep, place[PointName("S0")]])
+
+
+def test_who_is_pushed_at_the_mouth_of_a_dead_end_is_not_pushed_into_it():
+    """The one that pushes wants in, and would have the other in front of itself for ever."""
+    roadmap = MAPS[2]
+    pockets, moves = roadmap.pockets, roadmap.moves
+    deep = roadmap.place[PointName("B1-4")]
+    aisle = pockets.pocket[deep]
+    (mouth,) = {
+        place
+        for place in range(roadmap.places.stops)
+        if pockets.pocket[place] != aisle
+        and any(pockets.pocket[moves.end[move]] == aisle for move in roadmap.leaving[place])
+    }
+    beside = min(
+        moves.end[move] for move in roadmap.leaving[mouth] if pockets.pocket[moves.end[move]] < 0
+    )
+    costs = COSTS[2]
+    wants_in = Agent(name="A", place=beside, heading_rad=0.0, costs=costs, goal=deep)
+    # its own way leads past the one that wants in, and the dead end is the nearest place to evade
+    into = min(m for m in roadmap.leaving[mouth] if pockets.pocket[moves.end[m]] == aisle)
+    heading_rad = roadmap.heading_start[into]
+    came_out = Agent(name="B", place=mouth, heading_rad=heading_rad, costs=costs, goal=beside)
+
+    found = dict(propose(World(roadmap=roadmap, agents=[wants_in, came_out])))
+
+    assert found["B"], "it must make way"
+    assert all(pockets.pocket[moves.end[move]] != aisle for move in found["B"])
