@@ -35,7 +35,7 @@ from fleetledger.intake import Intake
 from fleetledger.processes import Child
 from fleetledger.proposing import responder
 from ledger.bus import PROPOSE_KEY
-from ledger.errors import LedgerError
+from ledger.errors import LedgerError, Refused
 from ledger.events import AnyEvent
 from ledger.feed import FeedServer
 from ledger.ids import CommandId, SceneId
@@ -262,7 +262,12 @@ async def _served(app: ASGIApp, host: str, port: int) -> AsyncIterator[int]:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    listener.bind((host, port))
+    try:
+        listener.bind((host, port))
+    except OSError as trouble:
+        listener.close()
+        words = f"Cannot listen on {host}:{port}: {trouble.strerror}. Choose another port."
+        raise Refused("errCannotListen", words, host, port) from trouble
     config = uvicorn.Config(
         app,
         log_config=None,

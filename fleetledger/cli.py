@@ -254,6 +254,8 @@ class _told:
             )
         elif isinstance(trouble, Refused):
             errors.print(f"[red]{trouble.code}[/]: {escape(trouble.message)}")
+        elif isinstance(trouble, OSError) and trouble.filename is not None:
+            errors.print(f"[red]{trouble.strerror}[/]: {escape(str(trouble.filename))}")
         elif isinstance(trouble, ValidationError):
             for fault in trouble.errors():
                 name = ".".join(str(part) for part in fault["loc"]) or "options"
