@@ -216,7 +216,7 @@ def test_whatever_clients_do_the_laws_hold() -> None:
     run_state_machine_as_test(
         AnyShift,
         settings=settings(
-            max_examples=12, stateful_step_count=20, deadline=None, suppress_health_check=SLOW
+            max_examples=25, stateful_step_count=25, deadline=None, suppress_health_check=SLOW
         ),
     )
 
