@@ -119,3 +119,19 @@ def test_a_long_shift_keeps_its_laws(seed: int) -> None:
     until_ended(onlooker, orders, 4 * ORDER_S_MAX)
     onlooker.states_agree()
     onlooker.each_order_ended_once()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(4))
+def test_schedulers_may_come_and_go_all_the_time(seed: int) -> None:
+    file = for_robots(12, seed=seed)
+    shift = Shift(file, seed=seed, disturbance=Disturbance(probability=0.2, mean_s=5.0))
+    onlooker, rng = Onlooker(shift), Random(seed)
+    orders: list[OrderId] = []
+    for _ in range(40):
+        if sum(order in shift.fleet.orders for order in orders) < 24:
+            orders += some_orders(shift, file, 4, rng)
+        onlooker.run(rng.uniform(1.0, 9.0))
+        onlooker.restart_scheduler()
+    until_ended(onlooker, orders, 3 * ORDER_S_MAX)
+    onlooker.states_agree()
