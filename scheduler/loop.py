@@ -39,7 +39,8 @@ from scheduler.view import View
 PASS_MS_MIN = 200  # assignment follows news no faster than this
 PASS_MS_MAX = 1_000  # and without news it still looks at batteries, waits and ways so often
 REALLOCATE_MS = 2_000
-PLANS_MS = 200
+PLANS_MS = 200  # so often traffic is asked what it intends: dispatch waits for the answers
+SHOW_MS = 400  # and so often those who look on are told
 RETELL_MS = 2_000  # an action that no report has confirmed is told again
 SIGHTINGS_MAX = 100_000
 
@@ -55,6 +56,7 @@ class Pace(msgspec.Struct, kw_only=True):
     pass_ms: int = 0
     reallocate_ms: int = 0
     plans_ms: int = 0
+    shown_ms: int = 0
     told: dict[RobotName, tuple[str, int]] = {}  # message last told, and when
 
 
@@ -210,4 +212,7 @@ class Scheduler:
         pace = self._paces[scene]
         if self._now_ms - pace.plans_ms >= PLANS_MS:
             pace.plans_ms = self._now_ms
-            self._plans(scene, site.take_plans(self._now_ms))
+            plans = site.take_plans(self._now_ms)
+            if self._now_ms - pace.shown_ms >= SHOW_MS:
+                pace.shown_ms = self._now_ms
+                self._plans(scene, plans)

@@ -104,14 +104,17 @@ def _obstacle(
     why = trouble(view, robot)
     if why is not None:
         return why, {robot.name: why.value}
-    if at.order.fault_reason is not None or is_busy(view, robot):
+    if at.order.fault_reason is not None:
+        return None, {}
+    paused = view.scene.config.traffic_paused
+    if (not paused and robot.stuck_ms(at.order, now_ms) < STILL_MS) or is_busy(view, robot):
         return None, {}
     place = place_of(view, at.step)
     if place is None:
         return Why.LOCATION_UNKNOWN, {}
-    if view.scene.config.traffic_paused:
+    if paused:
         return Why.TRAFFIC_PAUSED, {}
-    if robot.stuck_ms(at.order, now_ms) < STILL_MS or view.stands_at(robot, place):
+    if view.stands_at(robot, place):
         return None, {}
     if not robot.ready:
         return Why.ROBOT_NOT_READY, {robot.name: Why.ROBOT_NOT_READY.value}

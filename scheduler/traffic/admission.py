@@ -149,7 +149,7 @@ class Admission:
         ring = tuple((x, y) for x, y in shapely.get_coordinates(shape)[:-1].tolist())
         cell = self.grants.add_shape(ring, (*self.roadmap.meeting(shape), *others))
         self.grants.take(cell, track.name)
-        track.owned.append(Slot(cell=cell, end=end, commit=0))
+        track.owned.append(Slot(cell=cell, end=end, commit=0, standing=True))
 
     def _adopt(self, track: Track, report: Report, route: list[Piece]) -> None:
         """Take a committed route over as it was: the same commit numbers, owned up to the reported
@@ -176,7 +176,7 @@ class Admission:
         passed = sum(slot.end is not None and slot.end <= report.progress for slot in slots[:-1])
         if not known:  # it has not set out: it owns the ground under it, and may go no further
             self._claim(track, report, None)
-            track.owned[-1].end = report.authority
+            track.owned[-1].end = slots[0].end
         for slot in slots[min(passed, max(known - 1, 0)) : known]:
             self.grants.take(slot.cell, track.name)
             track.owned.append(slot)

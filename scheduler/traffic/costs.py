@@ -14,6 +14,7 @@ from scheduler.traffic.moves import heading_bin
 from scheduler.traffic.roadmap import Roadmap
 
 ROWS_MAX = 4096  # rows kept; 10 000 states make 80 kB each
+WAYS_MAX = 50_000  # lists of ways kept, some 300 bytes each
 _Array = npt.NDArray[Any]
 INFINITE = float("inf")
 
@@ -54,6 +55,7 @@ class Costs:
             outside and moves.start[move] in home for move, outside in enumerate(self.outside)
         ]
         self._kept: OrderedDict[int, list[float]] = OrderedDict()
+        self._ways: dict[tuple[int, float, int], list[tuple[float, int]]] = {}
 
     def _graph(self, place_of: list[int], heading_of: list[float]) -> tuple[csr_matrix, list[int]]:
         roadmap, moves = self.roadmap, self.roadmap.moves
@@ -123,10 +125,27 @@ class Costs:
         if place == goal:
             final = self.roadmap.final_turn_rad(place, heading_rad)
             return self.roadmap.turn_cost_s(final, self.limits)
-        return min(
-            (self.onward_s(place, heading_rad, move, goal) for move in self.roadmap.leaving[place]),
-            default=INFINITE,
-        )
+        ways = self.ways(place, heading_rad, goal)
+        return min(ways)[0] if ways else INFINITE
+
+    def ways(self, place: int, heading_rad: float, goal: int) -> list[tuple[float, int]]:
+        """Moves that lead to a goal, each with the seconds to it; only to be read.
+
+        Robots that plan again and again from where they are ask the same: kept, for it costs more
+        to find than all the rest of a planning step (measured).
+        """
+        key = (place, heading_rad, goal)
+        ways = self._ways.get(key)
+        if ways is None:
+            onward = (
+                (self.onward_s(place, heading_rad, move, goal), move)
+                for move in self.roadmap.leaving[place]
+            )
+            ways = [way for way in onward if way[0] < INFINITE]
+            if len(self._ways) >= WAYS_MAX:
+                self._ways.clear()
+            self._ways[key] = ways
+        return ways
 
 
 def _lowest(tails: _Array, heads: _Array, costs: _Array, nodes: int) -> csr_matrix:

@@ -250,9 +250,8 @@ class _Planner:
         taken = self.waiting | self.settled
         pocket = self.roadmap.pockets.pocket
         found: list[tuple[float, Operation]] = []
-        for move in self.roadmap.leaving[agent.place]:
-            value = agent.costs.onward_s(agent.place, agent.heading_rad, move, goal)
-            if value < INFINITE and self._usable(agent, move):
+        for value, move in agent.costs.ways(agent.place, agent.heading_rad, goal):
+            if self._usable(agent, move):
                 end = self.roadmap.moves.end[move]
                 value += OCCUPIED_S if taken >> end & 1 else 0.0
                 strange = pocket[end] not in (-1, pocket[agent.place], pocket[goal])

@@ -25,6 +25,7 @@ class Slot(msgspec.Struct, kw_only=True):
     cell: int
     end: Mark | None  # None = only when the first cell of the next route is left
     commit: int
+    standing: bool = False  # ground it was found on: it may stay there, which is no leave to drive
     resting: bool = False  # the place at the end of a route; dropped if the route goes on in time
 
 
@@ -72,8 +73,10 @@ class Track(msgspec.Struct, kw_only=True):
     @property
     def authority(self) -> Mark:
         """How far it may drive: to the end of the last cell that it owns."""
-        end = self.owned[-1].end if self.owned else None
-        return end if end is not None else START
+        for slot in reversed(self.owned):
+            if not slot.standing and slot.end is not None:
+                return slot.end
+        return START
 
     @property
     def driven(self) -> bool:
