@@ -241,6 +241,7 @@ class Floor:
             elif goal is not None and self.traffic.stands_at(name, goal.point):
                 self.busy[name] = self.now_ms + int(self.service_s * 1000)
             elif goal is None and name not in self.idle:
+                self.moved_ms[name] = self.now_ms
                 taken = {other.point for other in self.goals.values()}
                 full = Counter(self.lane_of[p] for p in taken if p in self.lane_of)
                 free = [p for p in self.goal_points if p not in taken]
