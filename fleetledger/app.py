@@ -119,7 +119,10 @@ class Core:
 
     async def import_scene(self, path: Path) -> None:
         """Take a scene file in; the same content again changes nothing."""
-        file = read_scene(path.read_bytes())
+        try:
+            file = read_scene(path.read_bytes())
+        except Refused as trouble:
+            raise Refused(trouble.code, f"{path}: {trouble.message}", *trouble.arguments) from None
         command = ImportScene(
             id=CommandId(new_id()),
             by="serve",
