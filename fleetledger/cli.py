@@ -222,9 +222,9 @@ ClockText = Annotated[str, typer.Option(help="The core's clock.")]
 def role_scheduler(listen: Listen, connect: Connect, clock: ClockText, data: Data) -> None:
     """Plan and dispatch; ends when standard input closes."""
     with _told():
-        from fleetledger import serving
+        from fleetledger import children
 
-        serving.run_scheduler(listen, connect, clock, data)
+        children.run_scheduler(listen, connect, clock, data)
 
 
 @role_app.command("sim")
@@ -236,9 +236,9 @@ def role_sim(
 ) -> None:
     """Be the simulated robots; ends when standard input closes."""
     with _told():
-        from fleetledger import serving
+        from fleetledger import children
 
-        serving.run_sim(connect, clock, data, seed)
+        children.run_sim(connect, clock, data, seed)
 
 
 class _told:

@@ -1,11 +1,9 @@
-"""Runs the processes that the command line names, until they are told to stop."""
+"""Runs the server, alone or with a demo around it, until it is told to stop."""
 
 import asyncio
-import contextlib
 import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -14,14 +12,9 @@ import uvloop
 from rich.console import Console
 
 from fleetledger.app import run
-from fleetledger.clock import Clock
 from fleetledger.config import Auth, Settings
 from fleetledger.demo import OrderStream
 from fleetledger.logs import configure
-from fleetledger.roles import run_scheduler as scheduler_role
-from fleetledger.roles import run_sim as sim_role
-from fleetledger.roles import stop_when_orphaned
-from ledger.zenoh_bus import ZenohBus
 from sim.warehouses import for_robots
 
 people = Console(stderr=True)
@@ -76,30 +69,3 @@ def demo(
     finally:
         for stream in streams:
             stream.stop()
-
-
-def run_scheduler(listen: str, connect: list[str], clock: str, data: Path) -> None:
-    """Be the scheduler's process."""
-    with _role("scheduler", listen, connect) as (bus, stop):
-        scheduler_role(bus, Clock.parse(clock), data / "compiled", stop)
-
-
-def run_sim(connect: list[str], clock: str, data: Path, seed: int) -> None:
-    """Be the simulator's process."""
-    with _role("sim", None, connect) as (bus, stop):
-        sim_role(bus, Clock.parse(clock), data / "sim.json", seed, stop)
-
-
-@contextlib.contextmanager
-def _role(
-    name: str, listen: str | None, connect: list[str]
-) -> Iterator[tuple[ZenohBus, threading.Event]]:
-    configure(process=name, as_json=not sys.stderr.isatty())
-    stop = stop_when_orphaned()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    bus = ZenohBus(listen, connect)
-    try:
-        yield bus, stop
-    finally:
-        bus.close()  # open sessions keep a process alive for ever
