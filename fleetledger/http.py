@@ -10,7 +10,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -44,11 +44,27 @@ class ThinRoute(APIRoute):
                 # text is all that a URL can hold, so numbers and booleans are read from it
                 arguments["query"] = query.validate_python(dict(request.query_params), strict=False)
             if body is not None:
-                arguments["body"] = body.validate_json(await request.body())
+                arguments["body"] = body.validate_json(await _read(request))
             answer: Response = await endpoint(request, **arguments)
             return answer
 
         return handle
+
+
+async def _read(request: Request) -> bytes:
+    """Read the whole body; nearly always it comes in one message."""
+    message = await request.receive()
+    if not message.get("more_body"):
+        request._body = message.get("body", b"")  # where Starlette keeps it for later readers
+        return request._body
+    parts = [message.get("body", b"")]
+    while message.get("more_body"):
+        message = await request.receive()
+        if message["type"] == "http.disconnect":
+            raise ClientDisconnect
+        parts.append(message.get("body", b""))
+    request._body = b"".join(parts)
+    return request._body
 
 
 class ErrorBody(BaseModel):

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import structlog
 from prometheus_client import Counter, Histogram
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER, Keys
@@ -15,6 +15,8 @@ log = structlog.get_logger()
 
 POSITION_HEADER = "X-Ledger-Position"
 WAIT_HEADER = "X-Wait-Position"
+APP_ID_CHARS_MAX = 100
+POSITION_DIGITS_MAX = 18
 SCENE_IMPORT_PATH = "/api/fleet/scenes/import"
 OPEN_PATHS = (
     "/",
@@ -24,6 +26,10 @@ OPEN_PATHS = (
     "/openapi.json",
 )  # tell nothing of the plant
 OPEN_FOLDERS = ("/console/", "/static-offline-docs/")
+
+# as they come in the scope; every call is looked at, so no object is made of its headers
+_POSITION, _WAIT = POSITION_HEADER.lower().encode(), WAIT_HEADER.lower().encode()
+_APP_ID, _APP_KEY = APP_ID_HEADER.encode(), APP_KEY_HEADER.encode()
 
 CALLS = Counter("fleetledger_http_calls", "HTTP calls", ["method", "route", "status"])
 SECONDS = Histogram(
@@ -64,9 +70,9 @@ class Gate:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                headers = MutableHeaders(scope=message)
-                if POSITION_HEADER not in headers:
-                    headers[POSITION_HEADER] = str(self._position())
+                headers = message["headers"]
+                if all(name != _POSITION for name, _ in headers):
+                    headers.append((_POSITION, b"%d" % self._position()))
             await send(message)
 
         try:
@@ -87,55 +93,65 @@ class Gate:
         return self._figures[key]
 
     async def _pass_or_refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
-        headers = Headers(scope=scope)
+        headers: dict[bytes, bytes] = dict(scope["headers"])
         path: str = scope["path"]
         caller = self._caller(headers)
+        limit = SCENE_BYTES_MAX if path == SCENE_IMPORT_PATH else BODY_BYTES_MAX
+        refusal = None
         if caller is None and not _is_open(path):
-            answer = error(
-                401,
-                "errNotSignedIn",
-                f"Send the headers {APP_ID_HEADER} and {APP_KEY_HEADER} of a key pair; "
-                "the first one was printed when the server first started.",
-            )
-            await answer(scope, receive, send)
+            refusal = _not_signed_in()
+        elif not _at_most(headers.get(b"content-length", b"0"), limit):
+            refusal = _too_large(limit)
+        elif (wanted := headers.get(_WAIT)) is not None:
+            refusal = await self._waited(wanted)
+        if refusal is not None:
+            await refusal(scope, receive, send)
             return
         scope.setdefault("state", {})["user"] = caller or ""
-        wanted = headers.get(WAIT_HEADER)
-        if wanted is not None:
-            if not wanted.isdecimal():
-                answer = error(400, "errFieldInvalid", f"{WAIT_HEADER} must be a position.")
-                await answer(scope, receive, send)
-                return
-            if not await self._wait(int(wanted)):
-                answer = error(504, "errPositionNotReached", f"Position {wanted} did not come.")
-                await answer(scope, receive, send)
-                return
-        limit = SCENE_BYTES_MAX if path == SCENE_IMPORT_PATH else BODY_BYTES_MAX
-        length = headers.get("content-length", "0")
-        if not length.isdecimal() or int(length) > limit:
-            answer = error(413, "errBodyTooLarge", f"The body may have {limit} bytes.", (limit,))
-            await answer(scope, receive, send)
-            return
-        if "transfer-encoding" in headers:
+        if b"transfer-encoding" in headers:
             receive = _limited(receive, limit)
         try:
             await self._app(scope, receive, send)
         except BodyTooLarge:
-            answer = error(413, "errBodyTooLarge", f"The body may have {limit} bytes.", (limit,))
-            await answer(scope, receive, send)
+            await _too_large(limit)(scope, receive, send)
         except Exception:
             # the last resort: a bug of ours must not cost other clients their server
             log.exception("call failed", method=scope["method"], path=path, caller=caller)
             answer = error(500, "errServerBug", "This is a bug of the server; its log has more.")
             await answer(scope, receive, send)
 
-    def _caller(self, headers: Headers) -> str | None:
+    async def _waited(self, wanted: bytes) -> Response | None:
+        """Wait for a position; gives the refusal if that is none, or does not come."""
+        if not wanted.isdigit() or len(wanted) > POSITION_DIGITS_MAX:
+            return error(400, "errFieldInvalid", f"Header '{WAIT_HEADER}' must be a position.")
+        if not await self._wait(int(wanted)):
+            return error(504, "errPositionNotReached", f"Position {int(wanted)} did not come.")
+        return None
+
+    def _caller(self, headers: dict[bytes, bytes]) -> str | None:
+        app_id, key = headers.get(_APP_ID), headers.get(_APP_KEY)
         if self._keys is None:
-            return headers.get(APP_ID_HEADER, "anonymous")[:100]
-        app_id, key = headers.get(APP_ID_HEADER), headers.get(APP_KEY_HEADER)
+            return "anonymous" if app_id is None else app_id.decode("latin-1")[:APP_ID_CHARS_MAX]
         if app_id is None or key is None:
             return None
-        return self._keys.caller(app_id, key)
+        return self._keys.caller(app_id.decode("latin-1"), key.decode("latin-1"))
+
+
+def _not_signed_in() -> Response:
+    return error(
+        401,
+        "errNotSignedIn",
+        f"Send the headers {APP_ID_HEADER} and {APP_KEY_HEADER} of a key pair; "
+        "the first one was printed when the server first started.",
+    )
+
+
+def _too_large(limit: int) -> Response:
+    return error(413, "errBodyTooLarge", f"The body may have {limit} bytes.", (limit,))
+
+
+def _at_most(length: bytes, limit: int) -> bool:
+    return length.isdigit() and int(length) <= limit
 
 
 class BodyTooLarge(Exception):

@@ -82,11 +82,15 @@ class History:
             return
         with self._changed:
             self._newest = events[-1].position
+            idle = not self._queue
             if len(self._queue) + len(events) > QUEUE_EVENTS_MAX:
                 self._queue.clear()  # the thread sees the gap and reads the ledger
             else:
                 self._queue.extend(events)
-            self._changed.notify()
+            # a thread that waits for more of them wakes by its clock: waking it with each commit
+            # took the interpreter's lock from those who answer clients
+            if idle or len(self._queue) >= BATCH_EVENTS:
+                self._changed.notify()
 
     @property
     def position(self) -> int:
