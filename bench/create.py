@@ -13,6 +13,7 @@ from sim.warehouses import for_robots
 CONNECTIONS = (1, 8, 32, 64)
 SECONDS = 4.0
 CONTROL_S = 1.0
+WARM_S = 5.0
 
 
 def _rows(server: Running, what: str, folder: Path) -> list[dict[str, float | str]]:
@@ -26,6 +27,7 @@ def _rows(server: Running, what: str, folder: Path) -> list[dict[str, float | st
 
     order = {"sceneId": server.scene, "stepFixed": True, "steps": [load_step, unload_step]}
     request = post("/api/fleet/orders/create", order)
+    load(server.port, request, 8, WARM_S)  # the scheduler is still reading its map at first
     rows: list[dict[str, float | str]] = []
     for connections in CONNECTIONS:
         before = syncs_per_s(folder, CONTROL_S)

@@ -248,7 +248,7 @@ class Snapshotter:
 
         Saving is work for every live order, so the more there are the further apart.
         """
-        return position - self._newest >= max(self._apart, self._live)
+        return position - self._newest >= max(self._apart, 2 * self._live)
 
     def save(self, fleet: Fleet) -> Path:
         """Save a copied fleet whose position is durable; call it off the thread that answers."""
