@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -109,14 +109,17 @@ def command(data: Path, *options: str) -> list[str]:
     return [*own, "--port", "0", *options]
 
 
+def serving(data: Path, *options: str) -> AbstractContextManager[Server]:
+    """Start a server."""
+    return started(command(data, *options), data)
+
+
 @contextmanager
-def serving(data: Path, *options: str) -> Iterator[Server]:
-    """Start a server, wait for its line, and leave nothing behind."""
+def started(command_line: list[str], data: Path) -> Iterator[Server]:
+    """Start a program that serves, wait for its line, and leave nothing behind."""
     log = data.parent / f"{data.name}.log"
     with log.open("a") as errors:
-        process = subprocess.Popen(
-            command(data, *options), stdout=subprocess.PIPE, stderr=errors, text=True
-        )
+        process = subprocess.Popen(command_line, stdout=subprocess.PIPE, stderr=errors, text=True)
     try:
         assert process.stdout is not None
         assert select.select([process.stdout], [], [], START_S_MAX)[0], "it said nothing"
