@@ -15,7 +15,7 @@ check: .venv/dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest tests/test_house.py
+	$(BIN)/pytest -m "not soak"
 
 bench: .venv/dev
 	$(BIN)/python -m bench

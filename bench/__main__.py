@@ -13,10 +13,12 @@ RESULTS = Path(__file__).parent / "results"
 def main() -> None:
     """Run those named on the command line, or all."""
     RESULTS.mkdir(exist_ok=True)
-    for name in [a for a in sys.argv[1:] if not a.startswith("-")] or NAMES:
+    for name in sys.argv[1:] or NAMES:
         print(f"\n== {name}", flush=True)
+        sys.argv = [name]  # some take options of their own when run alone
         rows = import_module(f"bench.{name}").main()
-        (RESULTS / f"{name}.json").write_bytes(msgspec.json.format(msgspec.json.encode(rows)))
+        if rows is not None:  # the others have written their own file
+            (RESULTS / f"{name}.json").write_bytes(msgspec.json.format(msgspec.json.encode(rows)))
 
 
 main()
