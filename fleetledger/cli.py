@@ -90,6 +90,9 @@ def serve(
         typer.Option(help="Serve RDSCore's robotsStatus: HTTP here, WebSocket one port higher."),
     ] = None,
     log_json: Annotated[bool | None, typer.Option("--log-json", help="Logs as JSON.")] = None,
+    more_scenes: Annotated[
+        list[Path] | None, typer.Argument(hidden=True, help="So that --scene takes several.")
+    ] = None,
 ) -> None:
     """Serve the APIs, run the scheduler, and write every event to the ledger.
 
@@ -102,7 +105,7 @@ def serve(
             host=host,
             port=port,
             auth=auth,
-            scene=tuple(scene) if scene else None,
+            scene=(*(scene or ()), *(more_scenes or ())) or None,
             simulate=simulate,
             speed=speed,
             seed=seed,

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
+import msgspec
 import pytest
 from websockets.sync.client import connect
 
@@ -220,3 +221,14 @@ def test_it_stops_in_time_though_clients_hang_on(tmp_path: Path) -> None:
         with connect(f"ws://127.0.0.1:{websocket}/robotsStatus"):
             assert server.stop() == 0
         stream.close()
+
+
+def test_several_scenes_may_follow_one_flag(tmp_path: Path) -> None:
+    first = small_scene(tmp_path)
+    second = tmp_path / "second.json"
+    second.write_bytes(write_scene(msgspec.structs.replace(small_file(), name="Annex")))
+
+    with serving(tmp_path / "data", "--auth", "none", "--scene", str(first), str(second)) as server:
+        names = {scene["name"] for scene in server.get("/api/fleet/scenes/list")}
+
+    assert names == {small_file().name, "Annex"}
