@@ -23,7 +23,7 @@ from sim.link import SimRole
 from sim.world import Disturbance, World
 
 START_MS = 1_700_000_000_000
-STEP_MS = 300  # of virtual time between two looks at everything; 200 does no more orders an hour
+STEP_MS = 200  # of virtual time between two looks at everything
 
 
 class Shift:

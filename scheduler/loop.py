@@ -40,7 +40,8 @@ PASS_MS_MIN = 200  # assignment follows news no faster than this
 PASS_MS_MAX = 1_000  # and without news it still looks at batteries, waits and ways so often
 REALLOCATE_MS = 2_000
 PLANS_MS = 200  # so often traffic is asked what it intends: dispatch waits for the answers
-SHOW_MS = 400  # and so often those who look on are told
+SHOW_MS = 400  # and so often those who look on are told what has changed
+SHOW_WHOLE_MS = 2_000  # and everything, for those who came later
 RETELL_MS = 2_000  # an action that no report has confirmed is told again
 SIGHTINGS_MAX = 100_000
 
@@ -57,6 +58,8 @@ class Pace(msgspec.Struct, kw_only=True):
     reallocate_ms: int = 0
     plans_ms: int = 0
     shown_ms: int = 0
+    whole_ms: int = 0
+    shown: dict[RobotName, Plan] = {}
     told: dict[RobotName, tuple[str, int]] = {}  # message last told, and when
 
 
@@ -212,7 +215,21 @@ class Scheduler:
         pace = self._paces[scene]
         if self._now_ms - pace.plans_ms >= PLANS_MS:
             pace.plans_ms = self._now_ms
-            plans = site.take_plans(self._now_ms)
-            if self._now_ms - pace.shown_ms >= SHOW_MS:
-                pace.shown_ms = self._now_ms
-                self._plans(scene, plans)
+            self._show(scene, pace, site.take_plans(self._now_ms))
+
+    def _show(self, scene: SceneId, pace: Pace, plans: Sequence[Plan]) -> None:
+        """Tell those who look on what has changed, and now and then everything."""
+        if self._now_ms - pace.shown_ms < SHOW_MS:
+            return
+        pace.shown_ms = self._now_ms
+        whole = self._now_ms - pace.whole_ms >= SHOW_WHOLE_MS
+        if whole:
+            pace.whole_ms = self._now_ms
+        shown, pace.shown = pace.shown, {plan.robot: plan for plan in plans}
+        news = [plan for plan in plans if whole or _differs(shown.get(plan.robot), plan)]
+        if news:
+            self._plans(scene, news)
+
+
+def _differs(shown: Plan | None, plan: Plan) -> bool:
+    return shown is None or msgspec.structs.replace(shown, at_ms=plan.at_ms) != plan
