@@ -22,6 +22,7 @@ class Shift:
         self.traffic: dict[int, SmallTraffic] = {}
         self.robots = SmallRobots(self.traffic)
         self.plans: list[Plan] = []
+        self.on_plans: Callable[[Sequence[Plan]], None] = lambda plans: None
         self.mute: set[str] = set()  # robots whose reports get lost
         self.core.happen(*events)
         self.restart()
@@ -39,6 +40,7 @@ class Shift:
 
     def _on_plans(self, scene: SceneId, plans: Sequence[Plan]) -> None:
         self.plans = list(plans)
+        self.on_plans(plans)
 
     def happen(self, *events: AnyEvent) -> None:
         self.core.happen(*events)

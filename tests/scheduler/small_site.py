@@ -157,7 +157,13 @@ class SmallTraffic:
 
     def plans(self, now_ms: int) -> list[Plan]:
         return [
-            Plan(scene=self.scene, robot=r, at_ms=now_ms, ready=x is not None)
+            Plan(
+                scene=self.scene,
+                robot=r,
+                at_ms=now_ms,
+                ready=x is not None,
+                target=self.goals[r].point if r in self.goals else None,
+            )
             for r, x in sorted(self.known.items())
         ]
 

@@ -303,3 +303,21 @@ def test_an_order_of_a_scene_that_appears_later_is_done_too() -> None:
     work.happen(imported(), added("A"), carry(1, "B1", "B2"))
     work.robots.place("A", 0.0)
     assert work.run(60, lambda: OrderId("TO20260101-000001") not in work.fleet.orders)
+
+
+def test_those_who_look_on_are_told_what_changes_and_now_and_then_everything() -> None:
+    work = shift(("A", 0.0), ("B", 5.0))
+    work.run(5)  # everybody has been placed, nobody has anything to do
+    shown: list[list[str]] = []
+    work.on_plans = lambda plans: shown.append(sorted(plan.robot for plan in plans))
+
+    work.run(10)
+
+    assert 4 <= len(shown) <= 6, "everything every two seconds, and nothing else happened"
+    assert all(robots == ["A", "B"] for robots in shown)
+
+    shown.clear()
+    work.happen(carry(1, "B0", "B9"))
+    work.run(3)
+
+    assert ["A"] in shown, "B's plan has not changed"
