@@ -1,7 +1,6 @@
 """Composition root of the core process: opens everything in order, and closes it in reverse."""
 
 import asyncio
-import gc
 import random
 import secrets
 import socket
@@ -187,7 +186,6 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
             await child.start()
             stack.push_async_callback(child.stop)
         tame()
-        stack.callback(gc.unfreeze)  # DuckDB takes what is never collected for a leak, and says so
         sys.setswitchinterval(SWITCH_S)
         idle = asyncio.create_task(collect_when_idle(lambda: core.durability.idle))
         stack.callback(idle.cancel)

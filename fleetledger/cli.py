@@ -1,8 +1,9 @@
 """The command line: what there is to do, in words."""
 
+import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from pydantic import ValidationError
@@ -64,9 +65,10 @@ def demo(
     with _told():
         from fleetledger import serving
 
-        serving.demo(
+        code = serving.demo(
             robots=robots, orders_per_minute=rate, speed=speed, port=port, data=data, seed=seed
         )
+    _leave(code)
 
 
 @app.command()
@@ -114,7 +116,8 @@ def serve(
         )
         from fleetledger import serving
 
-        serving.serve(settings)
+        code = serving.serve(settings)
+    _leave(code)
 
 
 @scene_app.command("import")
@@ -242,6 +245,13 @@ def role_sim(
         from fleetledger import children
 
         children.run_sim(connect, clock, data, seed)
+
+
+def _leave(code: int) -> NoReturn:
+    """End at once: all is closed, and to take the interpreter apart has DuckDB report leaks."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 class _told:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
-import typer
 import uvloop
 from rich.console import Console
 
@@ -20,8 +19,8 @@ from sim.warehouses import for_robots
 people = Console(stderr=True)
 
 
-def serve(settings: Settings, started: Callable[[str, int], None] | None = None) -> None:
-    """Serve until SIGTERM or SIGINT; prints the one line that others wait for."""
+def serve(settings: Settings, started: Callable[[str, int], None] | None = None) -> int:
+    """Serve until SIGTERM or SIGINT, and give the exit code; prints the line others wait for."""
     configure(process="core", as_json=settings.log_json)
 
     def ready(host: str, port: int) -> None:
@@ -37,14 +36,12 @@ def serve(settings: Settings, started: Callable[[str, int], None] | None = None)
             loop.add_signal_handler(number, stop.set)
         return await run(settings, stop, ready)
 
-    code = uvloop.run(until_signalled())
-    if code:
-        raise typer.Exit(code)
+    return uvloop.run(until_signalled())
 
 
 def demo(
     *, robots: int, orders_per_minute: float, speed: float, port: int, data: Path, seed: int
-) -> None:
+) -> int:
     """Serve a generated warehouse with simulated robots, and send it orders."""
     data.mkdir(parents=True, exist_ok=True)
     scene = data / f"warehouse-{robots}-{seed}.json"
@@ -65,7 +62,7 @@ def demo(
         streams[0].start()
 
     try:
-        serve(settings, started)
+        return serve(settings, started)
     finally:
         for stream in streams:
             stream.stop()
