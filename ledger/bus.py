@@ -10,6 +10,9 @@ robot ─ `scenes/S/robots/R/report` ─► scheduler, core
 robot is there as long as its token is: `scenes/S/robots/R/alive`
 scheduler ─ `scenes/S/robots/R/tell` ─► robot
 scheduler ─ `scenes/S/plans` ─► core
+door or lift ─ `scenes/S/doors/ID/report`, `scenes/S/lifts/ID/report` ─► scheduler, core
+scheduler ─ `scenes/S/doors/ID/tell`, `scenes/S/lifts/ID/tell` ─► door or lift
+scheduler ─ `scenes/S/doors` (JSON array of DoorState) ─► core
 """
 
 from collections.abc import Callable, Iterable
@@ -45,6 +48,31 @@ def alive_key(scene: SceneId, robot: RobotName) -> str:
 def plans_key(scene: SceneId) -> str:
     """Where the scheduler publishes what it intends, for those who look on."""
     return f"scenes/{scene}/plans"
+
+
+def door_report_key(scene: SceneId, door: int) -> str:
+    """Where a door publishes its reports."""
+    return f"scenes/{scene}/doors/{door}/report"
+
+
+def door_tell_key(scene: SceneId, door: int) -> str:
+    """Where a door listens."""
+    return f"scenes/{scene}/doors/{door}/tell"
+
+
+def lift_report_key(scene: SceneId, lift: int) -> str:
+    """Where a lift publishes its reports."""
+    return f"scenes/{scene}/lifts/{lift}/report"
+
+
+def lift_tell_key(scene: SceneId, lift: int) -> str:
+    """Where a lift listens."""
+    return f"scenes/{scene}/lifts/{lift}/tell"
+
+
+def doors_key(scene: SceneId) -> str:
+    """Where the scheduler publishes for whom doors are open, for those who look on."""
+    return f"scenes/{scene}/doors"
 
 
 class Bus(Protocol):

@@ -16,6 +16,8 @@ from ledger.events.orders import (
     OrderPrioritised,
     OrderRetried,
     OrderSealed,
+    OrderSuspended,
+    OrderUnsuspended,
     OrderWithdrawn,
     StepFinished,
     StepsAdded,
@@ -120,6 +122,10 @@ def order_after(order: Order, event: OrderEvent) -> Order:
         case OrderCancelled():
             order = _fault_ended(order, event.at_ms)
             return _changed(order, event, status=OrderStatus.CANCELLED, done_ms=event.at_ms)
+        case OrderSuspended():
+            return _changed(order, event, suspended=True)
+        case OrderUnsuspended():
+            return _changed(order, event, suspended=False)
         case _:
             assert_never(event)
 

@@ -10,6 +10,7 @@ PointName = NewType("PointName", str)  # unique in its scene
 BinName = NewType("BinName", str)  # unique in its scene
 PathKey = NewType("PathKey", str)  # <start point>-><end point>
 CommandId = NewType("CommandId", str)  # the client's Idempotency-Key, or ours
+UnitId = NewType("UnitId", str)  # of an external reservation, made up by its owner
 RobotKey = NewType("RobotKey", str)  # <scene>/<robot>: robot names are unique in a scene only
 
 

@@ -68,7 +68,44 @@ class TellRoute(Value, frozen=True, kw_only=True, tag=True):
     robot: RobotName
 
 
-ToRobot: TypeAlias = Drive | Act | Cancel | TellRoute
+class InstructionKind(StrEnum):
+    """What an operator can tell a robot, beside orders."""
+
+    SOFT_STOP = "SoftStop"  # on: stop at once and stay
+    PAUSE = "Pause"  # on: stop smoothly and stay, route and all
+    CONTROL = "Control"  # on: obey the dispatcher; off: obey it no more
+    CLEAR_ALARMS = "ClearAlarms"  # once
+
+
+ONCE = frozenset({InstructionKind.CLEAR_ALARMS})  # stale after a minute; the others stand
+
+
+class Instruction(Value, frozen=True, kw_only=True):
+    """An instruction of an operator: the newest of each kind counts."""
+
+    kind: InstructionKind
+    number: int  # position of its event: a robot obeys each number once, in ascending order
+    at_ms: int
+    on: bool = True
+    gently: bool = False  # CONTROL: only if nobody else holds it
+
+
+class Instruct(Value, frozen=True, kw_only=True, tag=True):
+    """Told until `Report.obeyed` has reached the last number."""
+
+    robot: RobotName
+    instructions: tuple[Instruction, ...]  # ascending numbers
+
+
+class Reconnect(Value, frozen=True, kw_only=True, tag=True):
+    """Connect anew and report: the dispatcher has not heard of this robot for too long."""
+
+    robot: RobotName
+
+
+ToRobot: TypeAlias = Drive | Act | Cancel | TellRoute | Instruct | Reconnect
+
+DISPATCHER = "fleetledger"  # the holder of control when we hold it
 
 
 class AlarmLevel(StrEnum):
@@ -131,6 +168,9 @@ class Report(Value, frozen=True, kw_only=True):
     charging: bool = False
     emergency_stop: bool = False
     soft_stop: bool = False
+    paused: bool = False
+    controller: str = DISPATCHER  # who holds control of it; empty = nobody
+    obeyed: int = 0  # number of the newest instruction that it has carried out
     blocked: bool = False
     blocked_reason: int | None = None  # codes of spec/m4.md, RobotSelfReportMain.blockedReason
     confidence: float = 1.0
@@ -166,3 +206,62 @@ class Plan(Value, frozen=True, kw_only=True):
     blocked_by: tuple[RobotName, ...] = ()
     commit: int = 0  # number of its newest committed move, 0 = none
     moving: bool = False
+
+
+class DoorStatus(StrEnum):
+    """State of a door, or of a lift's door (spec/m4.md, DoorMainStatus and LiftDoorStatus)."""
+
+    UNKNOWN = "Unknown"
+    CLOSED = "Closed"
+    CLOSING = "Closing"
+    OPENING = "Opening"
+    OPENED = "Opened"
+
+
+class DoorReport(Value, frozen=True, kw_only=True):
+    """What a door says of itself, once a second and at every change."""
+
+    scene: SceneId
+    door: int
+    at_ms: int
+    status: DoorStatus
+    fault: str | None = None  # in words; None = none
+
+
+class LiftReport(Value, frozen=True, kw_only=True):
+    """What a lift says of itself, once a second and at every change."""
+
+    scene: SceneId
+    lift: int
+    at_ms: int
+    floor: str  # name of the LiftFloor it is at, or was last
+    target: str | None = None  # floor that it goes to
+    doors: tuple[DoorStatus, ...] = (DoorStatus.UNKNOWN,)
+    automatic: bool = True  # False = driven by hand, obeys nobody
+    people: bool = False
+    fault: str | None = None
+
+
+class TellDoor(Value, frozen=True, kw_only=True, tag=True):
+    """Be open, or be closed; told again every second, and a door that hears nothing closes."""
+
+    door: int
+    open: bool
+    robots: tuple[RobotName, ...] = ()  # for whom
+
+
+class TellLift(Value, frozen=True, kw_only=True, tag=True):
+    """Go to a floor and keep the doors open there; None = go your own ways."""
+
+    lift: int
+    floor: str | None
+
+
+ToDevice: TypeAlias = TellDoor | TellLift
+
+
+class DoorState(Value, frozen=True, kw_only=True):
+    """A door as the scheduler uses it, for those who look on."""
+
+    door: int
+    robots: tuple[RobotName, ...] = ()  # for whom it is open or being opened

@@ -6,9 +6,9 @@ other. A proposal that no longer fits (the order was cancelled meanwhile) is ref
 
 from typing import TypeAlias
 
-from ledger.ids import OrderId, RobotName, SceneId
+from ledger.ids import OrderId, RobotName, SceneId, UnitId
 from ledger.scene import Value
-from ledger.state import Candidate, OrderKind
+from ledger.state import Candidate, DeviceKind, OrderKind
 
 
 class Proposal(Value, frozen=True, kw_only=True, tag=True):
@@ -95,6 +95,33 @@ class DisconnectRobot(Proposal, frozen=True, kw_only=True):
     robot: RobotName
 
 
+class GiveUpRobot(Proposal, frozen=True, kw_only=True):
+    """The robot did not come back however often it was asked to: a person must ask (M4 noAc)."""
+
+    robot: RobotName
+
+
+class GrantMapResources(Proposal, frozen=True, kw_only=True):
+    """Traffic holds the ground of these external reservations for their owners now."""
+
+    units: tuple[UnitId, ...]
+
+
+class FaultDevice(Proposal, frozen=True, kw_only=True):
+    """A door or a lift reports a fault, or is not heard any more."""
+
+    kind: DeviceKind
+    device: int
+    reason: str
+
+
+class RecoverDevice(Proposal, frozen=True, kw_only=True):
+    """It works again."""
+
+    kind: DeviceKind
+    device: int
+
+
 AnyProposal: TypeAlias = (
     AssignOrder
     | WithdrawOrder
@@ -106,4 +133,8 @@ AnyProposal: TypeAlias = (
     | CreateSystemOrder
     | ConnectRobot
     | DisconnectRobot
+    | GiveUpRobot
+    | GrantMapResources
+    | FaultDevice
+    | RecoverDevice
 )

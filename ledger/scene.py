@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import msgspec
 
+from ledger.callbacks import CallbackConfig
 from ledger.ids import BinName, PathKey, PointName, RobotName, SceneId, path_key
 from ledger.scene_config import SceneConfig
 
@@ -145,6 +146,43 @@ class ContainerType(Value, frozen=True, kw_only=True):
     footprint: tuple[XY, ...] = ()  # metres; empty = within the robot's own footprint
 
 
+class Door(Value, frozen=True, kw_only=True):
+    """A door across a lane: robots pass only while it reports that it is open."""
+
+    id: int  # unique in its scene
+    name: str
+    area: int
+    paths: tuple[PathKey, ...] = ()  # what leads through it …
+    points: tuple[PointName, ...] = ()  # … or lies in it; one of both is given
+    open_ahead_m: float = 2.0  # it is asked to open when a robot is so near (M4 openPreDist)
+    x_m: float = 0.0
+    y_m: float = 0.0
+    heading_rad: float = 0.0
+    width_m: float = 1.0
+    simulated: bool = False
+    disabled: bool = False  # out of service: nobody passes
+
+
+class LiftFloor(Value, frozen=True, kw_only=True):
+    """Where a lift stops."""
+
+    name: str  # as the lift's own control names it
+    area: int
+    point: PointName | None = None  # inside the cabin
+
+
+class Lift(Value, frozen=True, kw_only=True):
+    """A lift between areas."""
+
+    id: int  # unique in its scene
+    name: str
+    floors: tuple[LiftFloor, ...]
+    door_s: float = 3.0  # to open, and to close
+    floor_s: float = 5.0  # from one floor to the next
+    simulated: bool = False
+    disabled: bool = False
+
+
 class Scene(Value, frozen=True, kw_only=True):
     """One site under one dispatch: maps, robot groups and settings (robots are kept beside it)."""
 
@@ -155,7 +193,18 @@ class Scene(Value, frozen=True, kw_only=True):
     groups: tuple[Group, ...]
     container_types: tuple[ContainerType, ...] = ()
     config: SceneConfig = SceneConfig()
+    doors: tuple[Door, ...] = ()
+    lifts: tuple[Lift, ...] = ()
+    callbacks: CallbackConfig = CallbackConfig()
     disabled: bool = False
+    dispatch_paused: bool = False  # no order gets a robot; what is assigned goes on
+    removed: bool = False  # gone for clients; kept because finished orders name it
+    display_order: int = 0
+    version: int = 0  # counts its changes
+    modified_ms: int = 0
+    opened_doors: dict[int, int] = {}  # door -> when somebody asked for it to open once
+    held_doors: tuple[int, ...] = ()  # kept open until let go, ascending
+    held_lifts: dict[int, int] = {}  # lift -> area at which it is kept open
 
 
 class SceneFile(Value, frozen=True, kw_only=True):
@@ -165,5 +214,7 @@ class SceneFile(Value, frozen=True, kw_only=True):
     areas: tuple[Area, ...]
     groups: tuple[Group, ...] = (Group(id=0, name="default"),)
     container_types: tuple[ContainerType, ...] = ()
+    doors: tuple[Door, ...] = ()
+    lifts: tuple[Lift, ...] = ()
     robots: tuple[RobotConfig, ...] = ()
     config: SceneConfig = SceneConfig()

@@ -4,10 +4,11 @@ from enum import StrEnum
 
 import msgspec
 
-from ledger.ids import CommandId, OrderId, RobotKey, RobotName, SceneId, StepId
-from ledger.scene import RobotConfig, Scene, Value
+from ledger.ids import CommandId, OrderId, RobotKey, RobotName, SceneId, StepId, UnitId
+from ledger.link import Instruction
+from ledger.scene import XY, RobotConfig, Scene, Value
 
-STATE_VERSION = 1  # of the shapes below; a snapshot of another version is not used
+STATE_VERSION = 2  # of the shapes below; a snapshot of another version is not used
 
 
 class OrderKind(StrEnum):
@@ -103,6 +104,7 @@ class Order(Value, frozen=True, kw_only=True):
     container_heading_rad: float | None = None
     key_locations: tuple[str, ...] = ()
     sealed: bool = False
+    suspended: bool = False  # gets no robot, and its robot does not go on with it
     steps: tuple[Step, ...] = ()
     steps_made: int = 0  # ever; numbers the next step's id
     current_step: int = -1
@@ -158,11 +160,51 @@ class Robot(Value, frozen=True, kw_only=True):
     bins: tuple[RobotBin, ...]
     orders: tuple[OrderId, ...] = ()  # assigned and not finished, first assigned first
     idle_since_ms: int  # since when it has had no order
+    instructions: tuple[Instruction, ...] = ()  # the newest of each kind, ascending numbers
+    given_up: bool = False  # nobody tries to reach it any more until asked to (M4 noAc)
 
     @property
     def name(self) -> RobotName:
         """Its name, unique in its scene."""
         return self.config.name
+
+
+class MapUnit(Value, frozen=True, kw_only=True):
+    """Ground that somebody outside asks for (spec/m4.md, MapResourceUnit)."""
+
+    id: UnitId
+    owner: str  # a robot of the scene, or the name of an external system
+    reason: str = " "
+    area: int
+    points: tuple[str, ...] = ()  # names
+    paths: tuple[str, ...] = ()  # keys
+    zones: tuple[tuple[XY, ...], ...] = ()  # polygons, metres
+
+
+class MapClaim(Value, frozen=True, kw_only=True):
+    """An external reservation: asked for, and held once traffic has cleared the ground."""
+
+    scene: SceneId
+    unit: MapUnit
+    granted: bool = False
+    at_ms: int  # asked for, or granted
+
+
+class DeviceKind(StrEnum):
+    """What a device is."""
+
+    DOOR = "Door"
+    LIFT = "Lift"
+
+
+class DeviceFault(Value, frozen=True, kw_only=True):
+    """A door or a lift that does not work."""
+
+    scene: SceneId
+    kind: DeviceKind
+    device: int
+    reason: str
+    at_ms: int
 
 
 class Answer(Value, frozen=True, kw_only=True):
@@ -183,6 +225,8 @@ class Fleet(msgspec.Struct, kw_only=True):
     robots: dict[RobotKey, Robot] = {}
     orders: dict[OrderId, Order] = {}
     order_counts: dict[str, int] = {}  # yyyymmdd -> orders made that day
+    claims: dict[UnitId, MapClaim] = {}  # unit ids are unique over all scenes
+    device_faults: dict[str, DeviceFault] = {}  # by <scene>/<kind>/<id>
     answers: dict[CommandId, Answer] = {}  # in order of time; the window is config's
 
     def copy(self) -> "Fleet":
@@ -194,6 +238,8 @@ class Fleet(msgspec.Struct, kw_only=True):
             robots=dict(self.robots),
             orders=dict(self.orders),
             order_counts=dict(self.order_counts),
+            claims=dict(self.claims),
+            device_faults=dict(self.device_faults),
             answers=dict(self.answers),
         )
 

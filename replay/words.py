@@ -15,6 +15,8 @@ from ledger.events import (
     OrderPrioritised,
     OrderRetried,
     OrderSealed,
+    OrderSuspended,
+    OrderUnsuspended,
     OrderWithdrawn,
     StepFinished,
     StepsAdded,
@@ -98,6 +100,8 @@ def order_reason(order: Order) -> str:
     """Say why an order does not get on; empty where nothing is in its way."""
     if order.fault_reason is not None:
         return f"faulted: {reason(order.fault_reason)}"
+    if order.suspended:
+        return "suspended"
     if order.robot is None:
         return rejection(order.allocation_reject)
     return rejection(order.execution_reject)
@@ -161,6 +165,10 @@ def event_words(event: OrderEvent) -> str:
             return "done"
         case OrderCancelled():
             return f"cancelled{f' by {event.by}' if event.by else ''}"
+        case OrderSuspended():
+            return f"suspended{f' by {event.by}' if event.by else ''}"
+        case OrderUnsuspended():
+            return "goes on after having been suspended"
         case _:
             assert_never(event)
 

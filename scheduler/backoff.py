@@ -10,6 +10,10 @@ from ledger.proposals import (
     ConnectRobot,
     CreateSystemOrder,
     DisconnectRobot,
+    FaultDevice,
+    GiveUpRobot,
+    GrantMapResources,
+    RecoverDevice,
 )
 from ledger.state import Fleet
 
@@ -49,10 +53,20 @@ class Backoff:
 
 def _subject(fleet: Fleet, proposal: AnyProposal) -> Subject:
     what = type(proposal).__name__
-    if isinstance(proposal, ConnectRobot | DisconnectRobot | CreateSystemOrder):
+    if isinstance(proposal, ConnectRobot | DisconnectRobot | CreateSystemOrder | GiveUpRobot):
         robot = fleet.robots.get(robot_key(proposal.scene, proposal.robot))
         state = 0 if robot is None else robot.idle_since_ms + robot.online
         return (what, proposal.scene, proposal.robot, state)
+    if isinstance(proposal, FaultDevice | RecoverDevice):
+        return (what, proposal.scene, f"{proposal.kind}/{proposal.device}", 0)
+    if isinstance(proposal, GrantMapResources):
+        claims = (fleet.claims.get(unit) for unit in proposal.units)
+        return (
+            what,
+            proposal.scene,
+            " ".join(sorted(proposal.units)),
+            sum(c.at_ms for c in claims if c),
+        )
     order = fleet.orders.get(proposal.order)
     named = proposal.robot if isinstance(proposal, AssignOrder) else ""
     return (what, proposal.order, named, -1 if order is None else order.version)

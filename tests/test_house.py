@@ -38,7 +38,9 @@ def test_files_and_functions_fit_on_a_few_screens(path: Path) -> None:
 def test_every_event_says_what_happened_and_is_evolved(event: type) -> None:
     assert event.__doc__, f"{event.__name__}: say in one sentence what happened, and on whose word"
     evolve = "".join(p.read_text() for p in (ROOT / "ledger").glob("evolve*.py"))
-    assert re.search(rf"\b{event.__name__}\b", evolve), f"evolve() has no arm for {event.__name__}"
+    if EVENTS[event] != "access":  # these change no state
+        found = re.search(rf"\b{event.__name__}\b", evolve)
+        assert found, f"evolve() has no arm for {event.__name__}"
     assert not event.__name__.endswith(("Updated", "Event", "StatusChanged")), (
         f"{event.__name__}: an event says why, not which row changed"
     )

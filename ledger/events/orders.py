@@ -129,6 +129,14 @@ class OrderCancelled(OfOrder, frozen=True, kw_only=True):
     """Someone gave the order up (`orders/cancel…`)."""
 
 
+class OrderSuspended(OfOrder, frozen=True, kw_only=True):
+    """Someone holds the order up: no robot takes it or goes on with it (`set-suspended`)."""
+
+
+class OrderUnsuspended(OfOrder, frozen=True, kw_only=True):
+    """A suspended order may go on (`unset-suspended`)."""
+
+
 OrderEvent: TypeAlias = (
     OrderCreated
     | StepsAdded
@@ -146,4 +154,6 @@ OrderEvent: TypeAlias = (
     | OrderRetried
     | OrderFinished
     | OrderCancelled
+    | OrderSuspended
+    | OrderUnsuspended
 )

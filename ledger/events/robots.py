@@ -65,6 +65,74 @@ class RobotBinsCleared(OfRobot, frozen=True, kw_only=True):
     robot: RobotName
 
 
+class RobotReconfigured(OfRobot, frozen=True, kw_only=True):
+    """A robot was set up otherwise (`robot/update/config`, alone or in a batch)."""
+
+    robot: RobotName
+    config: RobotConfig  # whole; its name is the robot's
+
+
+class RobotSoftStopped(OfRobot, frozen=True, kw_only=True):
+    """Someone pressed the soft emergency stop (`robots/{scene}/set-soft-emc`)."""
+
+    robot: RobotName
+
+
+class RobotSoftStopLifted(OfRobot, frozen=True, kw_only=True):
+    """Someone lifted the soft emergency stop (`robots/{scene}/set-soft-emc`)."""
+
+    robot: RobotName
+
+
+class RobotPaused(OfRobot, frozen=True, kw_only=True):
+    """Someone had the robot stop on its way (`robots/pause-nav`)."""
+
+    robot: RobotName
+
+
+class RobotResumed(OfRobot, frozen=True, kw_only=True):
+    """Someone let a paused robot go on (`robots/resume-nav`)."""
+
+    robot: RobotName
+
+
+class RobotControlTaken(OfRobot, frozen=True, kw_only=True):
+    """Someone had the dispatcher take control of the robot (`robots/master`, auto-recovery)."""
+
+    robot: RobotName
+    gently: bool = False  # only if nobody else holds it
+
+
+class RobotControlReleased(OfRobot, frozen=True, kw_only=True):
+    """Someone had the dispatcher let go of the robot (`robots/master`)."""
+
+    robot: RobotName
+
+
+class RobotAlarmsCleared(OfRobot, frozen=True, kw_only=True):
+    """Someone had the robot clear its alarms (`robots/{scene}/clear-alarm`, auto-recovery)."""
+
+    robot: RobotName
+
+
+class RobotReconnectAsked(OfRobot, frozen=True, kw_only=True):
+    """Someone had the robot reached for again (`robots/reconnect`, auto-recovery)."""
+
+    robot: RobotName
+
+
+class RobotGivenUp(OfRobot, frozen=True, kw_only=True):
+    """A robot did not come back however often it was reached for; its link stops trying."""
+
+    robot: RobotName
+
+
+class RobotTrafficReset(OfRobot, frozen=True, kw_only=True):
+    """Traffic is to forget what it holds for the robot and place it anew (auto-recovery)."""
+
+    robot: RobotName
+
+
 RobotEvent: TypeAlias = (
     RobotAdded
     | RobotRemoved
@@ -75,4 +143,15 @@ RobotEvent: TypeAlias = (
     | RobotConnected
     | RobotDisconnected
     | RobotBinsCleared
+    | RobotReconfigured
+    | RobotSoftStopped
+    | RobotSoftStopLifted
+    | RobotPaused
+    | RobotResumed
+    | RobotControlTaken
+    | RobotControlReleased
+    | RobotAlarmsCleared
+    | RobotReconnectAsked
+    | RobotGivenUp
+    | RobotTrafficReset
 )
