@@ -1,0 +1,61 @@
+"""Files of the data folder that only the server's own user may read: access and secrets."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ledger.errors import Refused
+
+MODE = 0o600
+BYTES_MAX = 16_000_000
+
+
+def read_private(path: Path) -> bytes | None:
+    """Read the file; None where there is none. Refuses one that is absurdly large."""
+    try:
+        fd = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return None
+    with os.fdopen(fd, "rb") as file:
+        if os.fstat(file.fileno()).st_size > BYTES_MAX:
+            words = f"{path} has more than {BYTES_MAX} bytes: it is none of ours."
+            raise Refused("errPrivateFile", words, str(path))
+        return file.read()
+
+
+def replace_private(path: Path, data: bytes) -> None:
+    """Replace the file at once or not at all; on disk when this returns. Raises OSError.
+
+    The draft is made anew each time: an old one, or a link in its place, is not written through.
+    """
+    draft = path.with_name(path.name + ".new")
+    draft.unlink(missing_ok=True)
+    fd = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, MODE)
+    with os.fdopen(fd, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    draft.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Keep other processes from changing the file meanwhile: server and command line both do.
+
+    The lock is on a file beside it, since the file itself is replaced; waits for the other one,
+    which holds it for one reading and one writing.
+    """
+    lock = path.with_name(path.name + ".lock")
+    fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, MODE)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(fd)
