@@ -11,9 +11,10 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp
 
-from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER, Keys
-from fleetledger.http import ErrorBody, FastLane, ThinRoute, install_errors
+from fleetledger.access import Keys
+from fleetledger.http import FastLane, ThinRoute, install_errors
 from fleetledger.middleware import Gate
+from fleetledger.openapi import completed, operation_id
 
 TITLE = "Fleetledger"
 DESCRIPTION = """Dispatches fleets of mobile robots and never forgets.
@@ -35,7 +36,13 @@ def build(
 
     Gate and fast lane stand before FastAPI, whose own middleware would cost every call.
     """
-    app = FastAPIOffline(title=TITLE, description=DESCRIPTION, version="0.1.0", redoc_url=None)
+    app = FastAPIOffline(
+        title=TITLE,
+        description=DESCRIPTION,
+        version="0.1.0",
+        redoc_url=None,
+        generate_unique_id_function=operation_id,
+    )
     install_errors(app)
     routers = (_own(), *routers)
     for router in routers:
@@ -44,7 +51,7 @@ def build(
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _true_to_the_gate(plain())
+            app.openapi_schema = completed(plain())
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign] # FastAPI's documented way
@@ -66,28 +73,3 @@ def _own() -> APIRouter:
         return Response(generate_latest(), media_type=CONTENT_TYPE_LATEST)
 
     return router
-
-
-def _true_to_the_gate(document: dict[str, Any]) -> dict[str, Any]:
-    """Say what the gate does: keys, and errors of one shape instead of FastAPI's 422."""
-    components = document.setdefault("components", {})
-    components.setdefault("schemas", {})["ErrorBody"] = ErrorBody.model_json_schema()
-    for name in ("HTTPValidationError", "ValidationError"):
-        components["schemas"].pop(name, None)
-    components["securitySchemes"] = {
-        "appId": {"type": "apiKey", "in": "header", "name": APP_ID_HEADER},
-        "appKey": {"type": "apiKey", "in": "header", "name": APP_KEY_HEADER},
-    }
-    document["security"] = [{"appId": [], "appKey": []}]
-    refusal = {
-        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/ErrorBody"}}}
-    }
-    for item in document["paths"].values():
-        for operation in item.values():
-            responses = operation["responses"]
-            responses.pop("422", None)
-            responses.setdefault("400", {"description": "Wrong input: nothing happened"} | refusal)
-            responses.setdefault("401", {"description": "No valid key"} | refusal)
-            if "requestBody" in operation:
-                responses.setdefault("413", {"description": "Body too large"} | refusal)
-    return document
