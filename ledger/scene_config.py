@@ -19,6 +19,10 @@ class TrafficMethod(StrEnum):
     VENUS = "Venus"
 
 
+# fields of an order that `dispatch_sort` may name, each with - before it for descending order
+DISPATCH_SORT_FIELDS = ("priority", "createdOn", "externalId", "id")
+
+
 class CollisionCheckMode(StrEnum):
     """Collision check for parking and charging; the specification has one value."""
 
@@ -46,9 +50,9 @@ class ChargingConfig(msgspec.Struct, frozen=True, kw_only=True, gc=False):
 class SceneConfig(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     """Settings of one scene. Defaults where the source states none are ours."""
 
-    state_fetch_ms: int = 100  # robotStateFetchDelay
-    state_failures_to_reconnect: int = 5
-    reconnects_max: int = 5
+    state_fetch_ms: int = 1_000  # robotStateFetchDelay: a robot reports at least so often
+    state_failures_to_reconnect: int = 10  # reports missed in a row: it counts as lost
+    reconnects_max: int = 5  # in a row; then a person must ask
     operation_log_off: bool = False
     operation_log_days: int = 30
     robot_message_log_off: bool = False
@@ -59,7 +63,7 @@ class SceneConfig(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     parking_collision_check: CollisionCheckMode = CollisionCheckMode.NONE
     parking_paused: bool = False
     reallocation_off: bool = False
-    dispatch_sort: tuple[str, ...] = ()
+    dispatch_sort: tuple[str, ...] = ()  # DISPATCH_SORT_FIELDS; none = by priority, then oldest
     dispatch_wait_s_max: int = 600  # dispatchAcceptableTimeout: who waited longer comes first
     charging_paused: bool = False
     charging: ChargingConfig = ChargingConfig()
@@ -68,7 +72,7 @@ class SceneConfig(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     traffic_paused: bool = False
     traffic_pause_on_failed_plan: bool = False
     point_distance_m: float = 0.3  # closePointDistance
-    path_distance_m: float = 0.5  # closePathDistance
+    path_distance_m: float = 0.3  # closePathDistance
     traffic_plan_interval_ms: int = 5000
     traffic_settings: str = ""  # trafficDevConfigStr
     cbs_high_w: float = 1.5

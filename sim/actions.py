@@ -2,9 +2,13 @@
 
 from zlib import crc32
 
-from ledger.link import Act, ActionPhase, ActionReport
+import msgspec
+
+from ledger.link import Act, ActionPhase, ActionReport, Alarm, AlarmLevel
 
 CHARGE = "Charge"
+FAIL = "Fail"  # this operation fails whenever it is tried, for people who try out faults
+ACTION_FAILED = "ActionFailed"
 DURATION_S_MIN = 4.0
 DURATION_S_RANGE = 2.0
 REMEMBERED_MAX = 64  # ids of finished actions: a repeated one is not done twice
@@ -13,6 +17,24 @@ REMEMBERED_MAX = 64  # ids of finished actions: a repeated one is not done twice
 def duration_s(name: str) -> float:
     """Give the time an action takes: 4 to 6 s, always the same for one name."""
     return DURATION_S_MIN + crc32(name.encode()) % 1000 / 1000 * DURATION_S_RANGE
+
+
+def must_fail(act: Act) -> bool:
+    """Tell whether an action, or the operation that a bin task stands for, is the failing one."""
+    if act.name == FAIL:
+        return True
+    try:
+        arguments = msgspec.json.decode(act.arguments)
+    except msgspec.DecodeError:
+        return False
+    return isinstance(arguments, dict) and arguments.get("operation") == FAIL
+
+
+def action_failed(act: Act, before: Alarm | None) -> Alarm:
+    """Raise the alarm of a failed action, once more if it stands already."""
+    message = f"{act.name} failed"
+    times = 1 if before is None else before.times + 1
+    return Alarm(level=AlarmLevel.ERROR, code=ACTION_FAILED, message=message, times=times)
 
 
 class Actions:

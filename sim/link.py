@@ -1,6 +1,7 @@
 """The simulator's role on the bus: its robots connect, listen and report exactly as real ones do.
 
-A robot reports ten times a second while anything about it changes, and once a second at rest.
+A robot reports ten times a second while anything about it changes, and at rest as often as its
+scene asks for (state_fetch_ms).
 """
 
 from collections import deque
@@ -13,10 +14,16 @@ import structlog
 
 from ledger.bus import Bus, alive_key, report_key, tell_key
 from ledger.events import AnyEvent
-from ledger.events.robots import OfRobot
-from ledger.events.scenes import SceneImported, SceneMapReplaced
+from ledger.events.robots import OfRobot, RobotReconfigured
+from ledger.events.scenes import (
+    SceneDisabled,
+    SceneEnabled,
+    SceneImported,
+    SceneMapReplaced,
+    SceneRemoved,
+)
 from ledger.evolve import evolve
-from ledger.ids import RobotKey, SceneId
+from ledger.ids import RobotKey, SceneId, robot_key
 from ledger.link import ToRobot
 from ledger.state import Fleet, Robot
 from sim.world import World
@@ -24,10 +31,11 @@ from sim.world import World
 log = structlog.get_logger()
 
 REPORT_MS = 100
-REST_REPORT_MS = 1_000
 CATCH_UP_MS_MAX = 60_000  # longer gaps (a suspended machine) are not simulated
 NO_ROOM_RETRY_MS = 10_000
 INBOX_MAX = 20_000  # messages between two ticks; the oldest are lost beyond it
+
+_COMING_AND_GOING = (OfRobot, SceneDisabled, SceneEnabled, SceneRemoved)
 
 
 class Follower(Protocol):
@@ -68,11 +76,13 @@ class SimRole:
         )  # foreign threads append
         self._heard: set[RobotKey] = set()  # keys subscribed to, for ever
         self._tokens: dict[RobotKey, Callable[[], None]] = {}
+        self._cut: set[RobotKey] = set()  # in the world, without a link
+        self._resting: set[RobotKey] = set()  # will be back with their scenes
         self._refused: set[RobotKey] = set()  # there was no room for them
         self._retry_ms = 0
         self._now_ms: int | None = None
         self._report_due_ms = 0
-        self._rest_report_due_ms = 0
+        self._rest_due_ms: dict[SceneId, int] = {}  # when those at rest report again
         self._decoder: msgspec.json.Decoder[ToRobot] = msgspec.json.Decoder(ToRobot)
         self._encoder = msgspec.json.Encoder()
 
@@ -93,6 +103,7 @@ class SimRole:
             self.start(now_ms)
         self._follow(now_ms)
         self._hear()
+        self._follow_links()
         dt_ms = min(now_ms - (self._now_ms or 0), CATCH_UP_MS_MAX)
         if dt_ms > 0:
             self._world.step(dt_ms / 1000)
@@ -112,13 +123,16 @@ class SimRole:
     def _follow(self, now_ms: int) -> None:
         robots_changed = False
         remapped: set[SceneId] = set()
+        rebuilt: set[RobotKey] = set()  # perhaps of another group
         for event in self._follower.drain():
             evolve(self._fleet, event)
             if isinstance(event, SceneImported | SceneMapReplaced):
                 remapped.add(event.scene)
-            robots_changed |= isinstance(event, OfRobot)
-        for robot in self._wanted().values():
-            if robot.scene in remapped:
+            elif isinstance(event, RobotReconfigured):
+                rebuilt.add(robot_key(event.scene, event.robot))
+            robots_changed |= isinstance(event, _COMING_AND_GOING)
+        for key, robot in self._wanted().items() if remapped or rebuilt else ():
+            if robot.scene in remapped or (key in rebuilt and key in self._world):
                 scene = self._fleet.scenes[robot.scene]
                 if not self._world.remap(scene, robot.config, now_ms):
                     log.warning("no room for a simulated robot", robot=robot.name, scene=scene.id)
@@ -136,12 +150,13 @@ class SimRole:
 
     def _connect(self, now_ms: int) -> None:
         wanted = self._wanted()
-        for key in [key for key in self._tokens if key not in wanted or key not in self._world]:
-            self._tokens.pop(key)()
+        known = [*self._tokens, *self._cut, *self._resting]
+        for key in [key for key in known if key not in wanted or key not in self._world]:
+            self._forget(key)
             if key not in wanted:
-                self._world.remove(key)
+                self._leave(key)
         self._refused &= wanted.keys()
-        missing = [key for key in wanted if key not in self._tokens]
+        missing = [key for key in wanted if key not in self._tokens and key not in self._cut]
         for key in sorted(missing, key=lambda k: not self._world.remembers(k)):
             robot = wanted[key]
             if self._world.add(self._fleet.scenes[robot.scene], robot.config, now_ms):
@@ -151,6 +166,32 @@ class SimRole:
                 self._refused.add(key)
                 log.warning("no room for a simulated robot", robot=robot.name, scene=robot.scene)
         self._retry_ms = now_ms + NO_ROOM_RETRY_MS
+
+    def _forget(self, key: RobotKey) -> None:
+        let_go = self._tokens.pop(key, None)
+        if let_go is not None:
+            let_go()
+        self._cut.discard(key)
+        self._resting.discard(key)
+
+    def _leave(self, key: RobotKey) -> None:
+        """Who rests with its whole scene will come back as it was; others are placed anew."""
+        robot = self._fleet.robots.get(key)
+        if robot is not None and robot.config.simulated and not robot.config.disabled:
+            self._world.rest(key)
+            self._resting.add(key)
+        else:
+            self._world.remove(key)
+
+    def _follow_links(self) -> None:
+        """A robot whose link is cut has no token; it gets one when the link stands again."""
+        for key in [key for key in self._tokens if not self._world.is_linked(key)]:
+            self._tokens.pop(key)()
+            self._cut.add(key)
+        for key in [key for key in self._cut if self._world.is_linked(key)]:
+            self._cut.discard(key)
+            robot = self._fleet.robots[key]
+            self._tokens[key] = self._bus.live(alive_key(robot.scene, robot.name))
 
     def _listen(self, key: RobotKey, robot: Robot) -> None:
         scene = robot.scene
@@ -173,10 +214,13 @@ class SimRole:
             self._world.tell(scene, message)
 
     def _report(self, now_ms: int) -> None:
-        everybody = now_ms >= self._rest_report_due_ms
-        if everybody:
-            self._rest_report_due_ms = now_ms - now_ms % REST_REPORT_MS + REST_REPORT_MS
-        reports = self._world.reports(now_ms, changed_only=not everybody)
+        whole: set[SceneId] = set()
+        for scene in self._fleet.scenes.values():
+            if now_ms >= self._rest_due_ms.get(scene.id, 0):
+                whole.add(scene.id)
+                every_ms = max(scene.config.state_fetch_ms, 1)
+                self._rest_due_ms[scene.id] = now_ms - now_ms % every_ms + every_ms
+        reports = self._world.reports(now_ms, changed_only=True, whole=whole)
         if reports and self._memory is not None:
             self._save(self._memory)
         for report in reports:

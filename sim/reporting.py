@@ -1,5 +1,7 @@
 """What a simulated robot says of itself, built only when somebody asks."""
 
+import msgspec
+
 from ledger.ids import RobotName
 from ledger.link import Alarm, AlarmLevel, Report
 from sim.robot import SimRobot, own, place, settle, stands_on
@@ -38,6 +40,10 @@ def report(robot: SimRobot, at_ms: int, now_s: float) -> Report:
         point=stands_on(robot),
         battery_ratio=robot.battery,
         charging=robot.charging,
+        soft_stop=robot.soft_stop,
+        paused=robot.paused,
+        controller=robot.controller,
+        obeyed=robot.obeyed,
         odometer_m=robot.odometer_m,
         odometer_today_m=robot.odometer_m - robot.today_m,
         map_name=body.map_name,
@@ -58,4 +64,7 @@ def _alarms(robot: SimRobot, at_ms: int) -> tuple[Alarm, ...]:
         )
     elif robot.battery > 0.0:
         robot.alarms.pop(BATTERY_EMPTY, None)
+    for code, alarm in robot.alarms.items():
+        if not alarm.at_ms:  # who raised it had no calendar
+            robot.alarms[code] = msgspec.structs.replace(alarm, at_ms=at_ms)
     return tuple(robot.alarms.values())

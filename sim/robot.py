@@ -6,11 +6,12 @@ wherever those of a path are metres.
 """
 
 from collections import deque
+from enum import Enum, auto
 from itertools import pairwise
 from math import hypot, pi, sqrt
 
 from ledger.ids import PointName
-from ledger.link import Alarm, AlarmLevel, Drive, Mark, Piece
+from ledger.link import DISPATCHER, Alarm, AlarmLevel, Drive, Mark, Piece
 from sim.actions import Actions
 from sim.curves import pose, wrapped
 from sim.legs import ALIGN_RAD, Body, Leg, joined
@@ -19,10 +20,19 @@ JOIN_M = 0.05  # a route may jump by this much between two pieces, for maps are 
 PIECES_MAX = 1000  # outstanding ones
 LEGS_PER_STEP_MAX = 100
 PAST_MAX = 16  # former sessions remembered
+SOFT_STOP_FACTOR = 3.0  # as hard as it can, against how it brakes on its way
 
 DRIVE_PER_M = 1.0 / 25_000  # share of the battery: about eight hours of steady driving
 REST_PER_S = 1.0 / 86_400  # electronics alone: a day
 CHARGE_PER_S = 1.0 / 3_600
+
+
+class Hears(Enum):
+    """What reaches a robot; it is heard itself only where everything does."""
+
+    ALL = auto()
+    RECONNECT = auto()  # its link is cut: only the call to connect anew
+    NOTHING = auto()  # and not even that
 
 
 class SimRobot:
@@ -38,17 +48,22 @@ class SimRobot:
         "body",
         "changed",
         "commit",
+        "controller",
         "done",
         "heading",
+        "hears",
         "held_s",
         "legs",
         "number",
+        "obeyed",
         "odometer_m",
         "past",
+        "paused",
         "point",
         "session",
         "settled_m",
         "settled_s",
+        "soft_stop",
         "speed",
         "tell_route",
         "today",
@@ -80,6 +95,11 @@ class SimRobot:
         self.number = 0  # of the newest report
         self.alarms: dict[str, Alarm] = {}
         self.tell_route = False
+        self.soft_stop = False  # stands still, whatever it has been told
+        self.paused = False  # likewise, but what it does where it stands goes on
+        self.controller = DISPATCHER  # whom it obeys; empty = nobody
+        self.obeyed = 0  # number of the newest instruction that it has carried out
+        self.hears = Hears.ALL
         self.changed = True  # since the last report
         self.awake = True  # has something to do: a sleeping robot costs nothing
 
@@ -194,15 +214,17 @@ def step(robot: SimRobot, dt_s: float) -> None:
     """Let time pass: work, or drive as far as the authority goes, and fall asleep if done."""
     robot.changed = True
     actions = robot.actions
-    if actions.charging and has_way(robot):
+    stopped = robot.soft_stop or robot.paused
+    if actions.charging and has_way(robot) and not stopped:
         actions.stop_charging()  # a way to go ends it
     if actions.running:
-        actions.work(dt_s)
+        if not robot.soft_stop:
+            actions.work(dt_s)
     elif robot.legs:
         _follow(robot, dt_s)
     robot.held_s = max(0.0, robot.held_s - dt_s)
-    working = actions.running and not actions.charging
-    robot.awake = working or robot.speed > 0.0 or has_way(robot)
+    working = actions.running and not actions.charging and not robot.soft_stop
+    robot.awake = working or robot.speed > 0.0 or (has_way(robot) and not stopped)
 
 
 def _follow(robot: SimRobot, dt_s: float) -> None:
@@ -258,9 +280,10 @@ def _advance(robot: SimRobot, leg: Leg, left_s: float) -> float:
     speed, limit = robot.speed, leg.acceleration
     room = leg.stop - robot.along
     span_s = left_s
-    if robot.held_s > 0.0:
-        span_s = min(left_s, speed / limit)
-        wanted = speed - limit * span_s
+    if robot.soft_stop or robot.paused or robot.held_s > 0.0:
+        brake = limit * SOFT_STOP_FACTOR if robot.soft_stop else limit
+        span_s = min(left_s, speed / brake)
+        wanted = speed - brake * span_s
     else:
         reserve = room + leg.exit * leg.exit / (2.0 * limit) - speed * left_s / 2.0
         under = left_s * left_s / 4.0 + 2.0 * reserve / limit

@@ -1,7 +1,7 @@
 """A simulated robot's memory as a value, so that after a crash it goes on where it was."""
 
 from ledger.ids import PointName, RobotName, SceneId
-from ledger.link import ActionReport, Alarm, Mark, Piece
+from ledger.link import DISPATCHER, ActionReport, Alarm, Mark, Piece
 from ledger.scene import Value
 from sim.legs import Body, Leg
 from sim.robot import SimRobot, look_ahead, resume_joins
@@ -10,7 +10,7 @@ SAVED_VERSION = 1
 
 
 class SavedRobot(Value, frozen=True, kw_only=True):
-    """All that one robot remembers; fields as in SimRobot."""
+    """All that one robot remembers; fields as in SimRobot. A cut link is not: it connects anew."""
 
     scene: SceneId
     name: RobotName
@@ -43,6 +43,10 @@ class SavedRobot(Value, frozen=True, kw_only=True):
     number: int
     alarms: tuple[Alarm, ...]
     tell_route: bool
+    soft_stop: bool = False
+    paused: bool = False
+    controller: str = DISPATCHER
+    obeyed: int = 0
 
 
 class SavedWorld(Value, frozen=True, kw_only=True):
@@ -89,6 +93,10 @@ def saved(robot: SimRobot) -> SavedRobot:
         number=robot.number,
         alarms=tuple(robot.alarms.values()),
         tell_route=robot.tell_route,
+        soft_stop=robot.soft_stop,
+        paused=robot.paused,
+        controller=robot.controller,
+        obeyed=robot.obeyed,
     )
 
 
@@ -113,6 +121,8 @@ def restored(body: Body, memory: SavedRobot) -> SimRobot:
     robot.today, robot.today_m, robot.number = memory.today, memory.today_m, memory.number
     robot.alarms = {alarm.code: alarm for alarm in memory.alarms}
     robot.tell_route = memory.tell_route
+    robot.soft_stop, robot.paused = memory.soft_stop, memory.paused
+    robot.controller, robot.obeyed = memory.controller, memory.obeyed
     resume_joins(robot)
     look_ahead(robot)
     return robot

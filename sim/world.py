@@ -1,19 +1,30 @@
 """All simulated robots together: who is there, time passing, what they say, and their memory."""
 
 import random
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from math import ceil
 
 import msgspec
 
 from ledger.ids import RobotKey, RobotName, SceneId, robot_key
-from ledger.link import Act, Cancel, Drive, Report, TellRoute, ToRobot
+from ledger.link import (
+    DISPATCHER,
+    Act,
+    Cancel,
+    Drive,
+    Instruct,
+    Reconnect,
+    Report,
+    TellRoute,
+    ToRobot,
+)
 from ledger.scene import Group, RobotConfig, Scene, Value
-from sim.actions import CHARGE
+from sim.actions import ACTION_FAILED, CHARGE, action_failed, must_fail
+from sim.instructions import obey
 from sim.legs import Body
 from sim.placement import Ground, Place, free_place, radius_m
 from sim.reporting import report
-from sim.robot import SimRobot, drive, settle, stands_on, step
+from sim.robot import Hears, SimRobot, drive, settle, stands_on, step
 from sim.saving import SAVED_VERSION, SavedRobot, SavedWorld, restored, saved
 
 STEP_S_MAX = 0.2  # longer ones are cut: speed changes evenly within one
@@ -105,6 +116,12 @@ class World:
         self._robots.pop(key, None)
         self._remembered.pop(key, None)
 
+    def rest(self, key: RobotKey) -> None:
+        """Take a robot away that will come back as it was, for its whole scene rests."""
+        robot = self._robots.pop(key, None)
+        if robot is not None:
+            self._remembered[key] = saved(robot)
+
     def remap(self, scene: Scene, config: RobotConfig, at_ms: int) -> bool:
         """Go over to a changed scene.
 
@@ -129,19 +146,54 @@ class World:
     def tell(self, scene: SceneId, message: ToRobot) -> None:
         """Hand a message to its robot; one that is not there hears nothing."""
         robot = self._robots.get(robot_key(scene, message.robot))
-        if robot is None:
+        if robot is None or not _hears(robot, message):
             return
         settle(robot, self._elapsed_s)
         match message:
             case Drive():
                 drive(robot, message)
             case Act():
-                robot.actions.begin(message, problem=_problem(robot, message))
+                _begin(robot, message)
             case Cancel():
                 robot.actions.cancel(message.id)
             case TellRoute():
                 robot.tell_route = True
+            case Instruct():
+                obey(robot, message)
+            case Reconnect():
+                robot.hears = Hears.ALL
         robot.changed = robot.awake = True
+
+    def is_linked(self, key: RobotKey) -> bool:
+        """Tell whether the robot's link stands."""
+        robot = self._robots.get(key)
+        return robot is not None and robot.hears is Hears.ALL
+
+    # -- faults, and people at the robot itself
+
+    def cut(self, scene: SceneId, robot: RobotName, *, deaf: bool = False) -> None:
+        """Cut the link: nothing comes or goes but the call to reconnect, and if deaf not even it.
+
+        The robot itself does not notice: it drives as far as it may.
+        """
+        self._at(scene, robot).hears = Hears.NOTHING if deaf else Hears.RECONNECT
+
+    def mend(self, scene: SceneId, robot: RobotName) -> None:
+        """Put the link back."""
+        self._at(scene, robot).hears = Hears.ALL
+
+    def seize(self, scene: SceneId, robot: RobotName, who: str) -> None:
+        """Have somebody else take control; nobody = empty. It keeps the authority it has."""
+        self._at(scene, robot).controller = who
+
+    def press_soft_stop(self, scene: SceneId, robot: RobotName, *, on: bool = True) -> None:
+        """Press the soft stop at the robot itself, or pull it out again."""
+        self._at(scene, robot).soft_stop = on
+
+    def _at(self, scene: SceneId, name: RobotName) -> SimRobot:
+        robot = self._robots[robot_key(scene, name)]
+        robot.changed = robot.awake = True
+        return robot
 
     def fail_next(self, scene: SceneId, robot: RobotName, action: str) -> None:
         """Make the next action of that name fail."""
@@ -169,12 +221,18 @@ class World:
             if self._rng.random() < disturbance.probability:
                 robot.held_s = self._rng.expovariate(1.0 / disturbance.mean_s)
 
-    def reports(self, at_ms: int, *, changed_only: bool = False) -> list[Report]:
-        """Build the reports of all robots, or of those with news since their last one."""
+    def reports(
+        self, at_ms: int, *, changed_only: bool = False, whole: Container[SceneId] = ()
+    ) -> list[Report]:
+        """Build the reports of all robots that are heard, or of those with news since their last.
+
+        Of the scenes in `whole` all robots report, news or not.
+        """
         return [
             report(robot, at_ms, self._elapsed_s)
             for robot in self._robots.values()
-            if robot.changed or not changed_only
+            if robot.hears is Hears.ALL
+            and (robot.changed or not changed_only or robot.body.scene in whole)
         ]
 
     def save(self) -> bytes:
@@ -220,7 +278,24 @@ def _body(scene: Scene, config: RobotConfig, group: Group, ground: Ground) -> Bo
     )
 
 
+def _hears(robot: SimRobot, message: ToRobot) -> bool:
+    """Tell whether a message reaches the robot, and whether it obeys who sends it."""
+    if robot.hears is not Hears.ALL:
+        return robot.hears is Hears.RECONNECT and isinstance(message, Reconnect)
+    return robot.controller == DISPATCHER or not isinstance(message, Drive | Act | Cancel)
+
+
+def _begin(robot: SimRobot, act: Act) -> None:
+    told_before = act.id in robot.actions.reports or robot.actions.running
+    robot.actions.begin(act, problem=_problem(robot, act))
+    if must_fail(act) and not told_before:
+        alarm = action_failed(act, robot.alarms.get(ACTION_FAILED))
+        robot.alarms[alarm.code] = alarm
+
+
 def _problem(robot: SimRobot, act: Act) -> str | None:
+    if must_fail(act):
+        return f"{act.name} always fails"
     if robot.speed > 0.0:
         return "the robot is moving"
     if act.name == CHARGE and stands_on(robot) not in robot.body.chargers:
