@@ -2,6 +2,7 @@
 
 from commands.command import Events
 from commands.ids import live_order, next_order_id
+from commands.order_suspension import check_not_suspended
 from commands.places import check_location, places_of
 from commands.rejected import Reason, Rejected
 from ledger.events import (
@@ -33,6 +34,7 @@ def assign(fleet: Fleet, proposal: AssignOrder) -> Events:
         message = f"Order '{order.id}' is {order.status}."
         raise Rejected(Reason.ORDER_ASSIGNED, message, order.id, order.status.value)
     check_unfaulted(order)
+    check_not_suspended(order)
     robot = _available(fleet, proposal.scene, proposal.robot)
     if robot.off_duty and order.kind is OrderKind.BUSINESS:
         raise _not_available(robot.name, "is off duty")

@@ -2,8 +2,33 @@
 
 from typing import TypeAlias, assert_never
 
-from commands import assignment, execution, orders, robots, scenes, steps
+from commands import (
+    assignment,
+    devices,
+    execution,
+    instructions,
+    order_suspension,
+    orders,
+    recovery,
+    robot_config,
+    robot_duty,
+    robots,
+    scene_config,
+    scene_life,
+    scenes,
+    steps,
+)
 from commands.command import Decision, Events
+from commands.devices import CloseDoors, KeepDoorsOpen, KeepLiftOpen, LetLiftGo, OpenDoors
+from commands.instructions import (
+    CancelNavigation,
+    ClearRobotAlarms,
+    ControlRobots,
+    PauseRobots,
+    ReconnectRobots,
+    SoftStopRobots,
+)
+from commands.order_suspension import SuspendOrders
 from commands.orders import (
     CancelAllOrders,
     CancelOrder,
@@ -14,15 +39,19 @@ from commands.orders import (
     SealOrder,
     SealOrders,
 )
-from commands.robots import (
-    ClearRobotBins,
-    CreateRobots,
-    CreateRobotSeries,
-    DisableRobots,
-    RemoveRobots,
-    SendRobotsOffDuty,
+from commands.recovery import RecoverRobots
+from commands.robot_config import ReconfigureRobot, ReconfigureRobots
+from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
+from commands.robots import CreateRobots, CreateRobotSeries, RemoveRobots
+from commands.scene_config import ConfigureScene
+from commands.scene_life import (
+    CreateScene,
+    DisableScene,
+    PauseDispatch,
+    RemoveScenes,
+    RenameScene,
 )
-from commands.scenes import ConfigureScene, ImportScene
+from commands.scenes import ImportScene
 from commands.steps import AddSteps, ChangeSteps, DeleteSteps
 from ledger.proposals import (
     AnyProposal,
@@ -30,8 +59,11 @@ from ledger.proposals import (
     ConnectRobot,
     CreateSystemOrder,
     DisconnectRobot,
+    FaultDevice,
     FaultOrder,
     FinishStep,
+    GiveUpRobot,
+    RecoverDevice,
     RejectAssignment,
     RejectExecution,
     StartStep,
@@ -39,7 +71,7 @@ from ledger.proposals import (
 )
 from ledger.state import Fleet
 
-AnyCommand: TypeAlias = (
+OrderCommand: TypeAlias = (
     CreateOrder
     | AddSteps
     | ChangeSteps
@@ -51,19 +83,50 @@ AnyCommand: TypeAlias = (
     | CancelAllOrders
     | PrioritiseOrders
     | RetryOrders
-    | CreateRobots
+    | SuspendOrders
+)
+RobotCommand: TypeAlias = (
+    CreateRobots
     | CreateRobotSeries
     | RemoveRobots
+    | ReconfigureRobot
+    | ReconfigureRobots
     | DisableRobots
     | SendRobotsOffDuty
     | ClearRobotBins
-    | ImportScene
+    | SoftStopRobots
+    | PauseRobots
+    | ControlRobots
+    | ClearRobotAlarms
+    | ReconnectRobots
+    | CancelNavigation
+    | RecoverRobots
+)
+DeviceCommand: TypeAlias = OpenDoors | CloseDoors | KeepDoorsOpen | KeepLiftOpen | LetLiftGo
+SceneCommand: TypeAlias = (
+    ImportScene
+    | CreateScene
+    | RenameScene
+    | DisableScene
+    | PauseDispatch
+    | RemoveScenes
     | ConfigureScene
 )
+AnyCommand: TypeAlias = OrderCommand | RobotCommand | DeviceCommand | SceneCommand
 
 
 def decide(fleet: Fleet, command: AnyCommand) -> Decision:
     """Decide a client's command; raises Rejected where nothing of it can be done."""
+    if isinstance(command, OrderCommand):
+        return _of_order(fleet, command)
+    if isinstance(command, RobotCommand):
+        return _of_robot(fleet, command)
+    if isinstance(command, DeviceCommand):
+        return _of_device(fleet, command)
+    return _of_scene(fleet, command)
+
+
+def _of_order(fleet: Fleet, command: OrderCommand) -> Decision:
     match command:
         case CreateOrder():
             return orders.create(fleet, command)
@@ -87,22 +150,80 @@ def decide(fleet: Fleet, command: AnyCommand) -> Decision:
             return orders.prioritise(fleet, command)
         case RetryOrders():
             return orders.retry(fleet, command)
+        case SuspendOrders():
+            return order_suspension.suspend(fleet, command)
+        case _:
+            assert_never(command)
+
+
+def _of_robot(fleet: Fleet, command: RobotCommand) -> Decision:
+    match command:
         case CreateRobots():
             return robots.create(fleet, command)
         case CreateRobotSeries():
             return robots.create_series(fleet, command)
         case RemoveRobots():
             return robots.remove(fleet, command)
+        case ReconfigureRobot():
+            return robot_config.reconfigure(fleet, command)
+        case ReconfigureRobots():
+            return robot_config.reconfigure_each(fleet, command)
         case DisableRobots():
-            return robots.disable(fleet, command)
+            return robot_duty.disable(fleet, command)
         case SendRobotsOffDuty():
-            return robots.send_off_duty(fleet, command)
+            return robot_duty.send_off_duty(fleet, command)
         case ClearRobotBins():
-            return robots.clear_bins(fleet, command)
+            return robot_duty.clear_bins(fleet, command)
+        case SoftStopRobots():
+            return instructions.soft_stop(fleet, command)
+        case PauseRobots():
+            return instructions.pause(fleet, command)
+        case ControlRobots():
+            return instructions.control(fleet, command)
+        case ClearRobotAlarms():
+            return instructions.clear_alarms(fleet, command)
+        case ReconnectRobots():
+            return instructions.reconnect(fleet, command)
+        case CancelNavigation():
+            return instructions.cancel_navigation(fleet, command)
+        case RecoverRobots():
+            return recovery.recover(fleet, command)
+        case _:
+            assert_never(command)
+
+
+def _of_device(fleet: Fleet, command: DeviceCommand) -> Decision:
+    match command:
+        case OpenDoors():
+            return devices.open_doors(fleet, command)
+        case CloseDoors():
+            return devices.close_doors(fleet, command)
+        case KeepDoorsOpen():
+            return devices.keep_doors_open(fleet, command)
+        case KeepLiftOpen():
+            return devices.keep_lift_open(fleet, command)
+        case LetLiftGo():
+            return devices.let_lift_go(fleet, command)
+        case _:
+            assert_never(command)
+
+
+def _of_scene(fleet: Fleet, command: SceneCommand) -> Decision:
+    match command:
         case ImportScene():
             return scenes.import_scene(fleet, command)
+        case CreateScene():
+            return scene_life.create(fleet, command)
+        case RenameScene():
+            return scene_life.rename(fleet, command)
+        case DisableScene():
+            return scene_life.disable(fleet, command)
+        case PauseDispatch():
+            return scene_life.pause_dispatch(fleet, command)
+        case RemoveScenes():
+            return scene_life.remove(fleet, command)
         case ConfigureScene():
-            return scenes.configure(fleet, command)
+            return scene_config.configure(fleet, command)
         case _:
             assert_never(command)
 
@@ -130,5 +251,11 @@ def decide_proposal(fleet: Fleet, proposal: AnyProposal, at_ms: int) -> Events:
             return execution.connect(fleet, proposal)
         case DisconnectRobot():
             return execution.disconnect(fleet, proposal)
+        case GiveUpRobot():
+            return execution.give_up(fleet, proposal)
+        case FaultDevice():
+            return devices.fault(fleet, proposal)
+        case RecoverDevice():
+            return devices.recover(fleet, proposal)
         case _:
             assert_never(proposal)

@@ -2,23 +2,33 @@
 
 from commands.assignment import check_unfaulted, order_in, robot_in
 from commands.command import Events
+from commands.order_suspension import check_not_suspended
 from commands.rejected import Reason, Rejected
 from ledger.events import (
     OrderFaulted,
     OrderFinished,
     RobotConnected,
     RobotDisconnected,
+    RobotGivenUp,
     StepFinished,
     StepStarted,
 )
 from ledger.ids import RobotName
-from ledger.proposals import ConnectRobot, DisconnectRobot, FaultOrder, FinishStep, StartStep
+from ledger.proposals import (
+    ConnectRobot,
+    DisconnectRobot,
+    FaultOrder,
+    FinishStep,
+    GiveUpRobot,
+    StartStep,
+)
 from ledger.state import Fleet, Order, StepStatus
 
 
 def start_step(fleet: Fleet, proposal: StartStep) -> Events:
     """Steps are done one after another, in order, by the order's own robot."""
     order = order_in(fleet, proposal.scene, proposal.order)
+    check_not_suspended(order)
     _check_ready(order, proposal.robot, proposal.step)
     status = order.steps[proposal.step].status
     before = order.steps[: proposal.step]
@@ -65,6 +75,14 @@ def disconnect(fleet: Fleet, proposal: DisconnectRobot) -> Events:
     """Only news is an event."""
     robot = robot_in(fleet, proposal.scene, proposal.robot)
     return (RobotDisconnected(scene=robot.scene, robot=robot.name),) if robot.online else ()
+
+
+def give_up(fleet: Fleet, proposal: GiveUpRobot) -> Events:
+    """Only news is an event; a robot that answers meanwhile is not given up."""
+    robot = robot_in(fleet, proposal.scene, proposal.robot)
+    if robot.online or robot.given_up:
+        return ()
+    return (RobotGivenUp(scene=robot.scene, robot=robot.name),)
 
 
 def _check_ready(order: Order, robot: RobotName, step: int) -> None:

@@ -77,6 +77,11 @@ class Handler:
             events = self._append(decision.events, command)
             return msgspec.structs.replace(decision, events=events, position=self.fleet.position)
 
+    def consider(self, command: AnyCommand) -> Decision:
+        """Decide as `handle` would just now, and do nothing; raises Rejected."""
+        with self._lock:
+            return decide(self.fleet, self._not_before_the_newest(command))
+
     def handle_once(
         self,
         command: AnyCommand,

@@ -267,10 +267,16 @@ def retry(fleet: Fleet, command: RetryOrders) -> Decision:
         except Rejected as no:
             refused[id_] = no.with_traceback(None)
             continue
-        events.append(OrderRetried(scene=order.scene, order=id_))
-        if order.sealed and all_done(order):
-            events.append(OrderFinished(scene=order.scene, order=id_))
+        events.extend(retried(order))
     return Decision(events=tuple(events), refused=refused)
+
+
+def retried(order: Order) -> tuple[OrderRetried | OrderFinished, ...]:
+    """Go on with an order that has a fault."""
+    again = OrderRetried(scene=order.scene, order=order.id)
+    if order.sealed and all_done(order):
+        return again, OrderFinished(scene=order.scene, order=order.id)
+    return (again,)
 
 
 T = TypeVar("T")

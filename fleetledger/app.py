@@ -5,7 +5,7 @@ import random
 import secrets
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from functools import partial
 from pathlib import Path
@@ -33,11 +33,12 @@ from fleetledger.http import ThinRoute
 from fleetledger.intake import Intake
 from fleetledger.processes import Child
 from fleetledger.proposing import responder
+from fleetledger.secrets import Secrets
 from ledger.bus import PROPOSE_KEY
 from ledger.errors import LedgerError, Refused
 from ledger.events import AnyEvent
 from ledger.feed import FeedServer
-from ledger.ids import CommandId, SceneId
+from ledger.ids import CommandId, RobotName, SceneId
 from ledger.moment import At
 from ledger.snapshot import Snapshotter, restore
 from ledger.state import Fleet
@@ -86,6 +87,7 @@ class Core:
         settings.data.mkdir(parents=True, exist_ok=True)
         self.ledger = FileLedger.open(settings.ledger)
         fleet = restore(settings.ledger, settings.snapshots)
+        self.secrets = Secrets(settings.data)
         kept_ms = kept_time_ms(settings.data)
         self.clock = Clock.start(max(fleet.at_ms + 1, kept_ms), settings.speed)
         self.handler = Handler(fleet, self.ledger, self.clock.now_ms, new_id)
@@ -107,6 +109,10 @@ class Core:
         if idle and self._snapshotter.due(self.live.position):
             write = partial(self._snapshotter.save, self.live.fleet.copy())
             self._snapshot = self._loop.create_task(asyncio.to_thread(write))
+
+    def keep_gateway_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
+        """Keep what robots' gateways ask for; on disk when this returns."""
+        self.secrets.put_all({f"gateway/{scene}/{name}": s for name, s in secrets.items()})
 
     def visible_fleet(self) -> Fleet:
         """Give a copy of what queries see; called on the bus's threads."""
@@ -233,7 +239,9 @@ def _api(core: Core, settings: Settings, keys: Keys | None) -> ASGIApp:
         finished=stories.finished,
     )
     routers = (
-        commands.api.m4.router(core.handler, core.durability.reached, ThinRoute),
+        commands.api.m4.router(
+            core.handler, core.durability.reached, ThinRoute, core.keep_gateway_secrets
+        ),
         commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute),
         projections.api.m4.router(
             find,

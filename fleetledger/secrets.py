@@ -1,10 +1,11 @@
 """Secrets that the server must be able to read again: of gateways, and for signing callbacks.
 
 They are not in the ledger, which may be copied and exported. Passwords and keys of callers are
-elsewhere (`fleetledger/access.py`): of those only hashes are kept.
+elsewhere (`fleetledger/access/`): of those only hashes are kept.
 """
 
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -37,12 +38,17 @@ class Secrets:
 
     def put(self, name: str, value: str) -> None:
         """Keep a secret, in place of an earlier one of that name."""
-        _check("name", name, NAME_CHARS_MAX)
-        _check("value", value, VALUE_CHARS_MAX)
+        self.put_all({name: value})
+
+    def put_all(self, secrets: Mapping[str, str]) -> None:
+        """Keep several secrets, all of them or none; the disk is waited for once."""
+        for name, value in secrets.items():
+            _check("name", name, NAME_CHARS_MAX)
+            _check("value", value, VALUE_CHARS_MAX)
         with self._lock:
-            if self._secrets.get(name) == value:
+            if all(self._secrets.get(name) == value for name, value in secrets.items()):
                 return
-            changed = {**self._secrets, name: value}
+            changed = {**self._secrets, **secrets}
             if len(changed) > SECRETS_MAX:
                 words = f"There are {SECRETS_MAX} secrets already: remove some first."
                 raise Refused("errTooMany", words, SECRETS_MAX)

@@ -61,7 +61,7 @@ def evolve_robot(fleet: Fleet, event: RobotEvent) -> None:
         robot = Robot(
             scene=event.scene,
             config=event.config,
-            bins=(RobotBin(),) * event.config.bin_count,
+            bins=(RobotBin(),) * event.config.storage_places,
             idle_since_ms=event.at_ms,
         )
         fleet.robots[robot_key(event.scene, robot.name)] = robot
@@ -98,8 +98,7 @@ def _robot_after(robot: Robot, event: RobotEvent) -> Robot:
             left = (RobotBin() if b.status is BinStatus.CANCELLED else b for b in robot.bins)
             return replace(robot, bins=tuple(left))
         case RobotReconfigured():
-            bins = (*robot.bins, *(RobotBin(),) * event.config.bin_count)
-            return replace(robot, config=event.config, bins=bins[: event.config.bin_count])
+            return _reconfigured(robot, event)
         case (
             RobotSoftStopped()
             | RobotSoftStopLifted()
@@ -118,6 +117,14 @@ def _robot_after(robot: Robot, event: RobotEvent) -> Robot:
             return replace(robot, instructions=(*others, told))
         case _:
             assert_never(event)
+
+
+def _reconfigured(robot: Robot, event: RobotReconfigured) -> Robot:
+    places = event.config.storage_places
+    bins = (*robot.bins, *(RobotBin(),) * places)[:places]
+    if robot.config.disabled and not event.config.disabled:  # as after RobotEnabled
+        robot = replace(robot, idle_since_ms=event.at_ms)
+    return replace(robot, config=event.config, bins=bins)
 
 
 def _disabled(config: RobotConfig, *, disabled: bool) -> RobotConfig:

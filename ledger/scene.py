@@ -128,15 +128,20 @@ class RobotConfig(Value, frozen=True, kw_only=True):
     remark: str | None = None
     tags: tuple[str, ...] = ()
     vendor: RobotVendor = RobotVendor.SEER
-    bin_count: int = 1  # loads it carries at once
+    bin_count: int = 1  # storage places, without the fork of `plus_one`
     image: str | None = None  # JSON text, the client's own
     connection: ConnectionType | None = None
     host: str | None = None
     port_first: int | None = None
     tls: bool | None = None
     gateway_user: str | None = None
-    gateway_secret: str | None = None
+    gateway_secret_kept: bool = False  # there is one; itself it is never in the ledger
     plus_one: bool | None = None  # one load more, on the fork (spec/m4.md, plusOne)
+
+    @property
+    def storage_places(self) -> int:
+        """Loads it carries at once; the fork is one more only beside several (N + 1)."""
+        return self.bin_count + (self.plus_one is True and self.bin_count > 1)
 
 
 class ContainerType(Value, frozen=True, kw_only=True):

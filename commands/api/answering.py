@@ -72,6 +72,12 @@ class Answering:
             raise Rejected(Reason.KEY_INVALID, message)
         return Asked(CommandId(f"{by}/{key}"), by, self.handler.now_ms())
 
+    def repeated(self, request: Request) -> bool:
+        """Tell whether the key of a command has its answer already."""
+        return (
+            KEY_HEADER in request.headers and self.asked(request).id in self.handler.fleet.answers
+        )
+
     async def answer(self, request: Request, command: AnyCommand, words: Words) -> Response:
         """Decide, wait until it is on disk, answer."""
         if KEY_HEADER not in request.headers:

@@ -1,4 +1,4 @@
-"""The eleven M4 order calls (spec/m4.md §2)."""
+"""The M4 order calls (spec/m4.md §2), and suspension (spec/protocols.md §1.6)."""
 
 import msgspec
 from fastapi import APIRouter
@@ -19,6 +19,7 @@ from commands.api.m4_orders import (
     UpdatePriorityReq,
     UpdateStepsReq,
 )
+from commands.order_suspension import SuspendOrders
 from commands.orders import CancelOrders, RetryOrders, SealOrders
 
 BASE = "/api/fleet/orders"
@@ -46,6 +47,8 @@ class OrderCalls:
             ("cancel-all", self.cancel_all, None),
             ("update-priority-batch", self.update_priority, None),
             ("retry-failed-orders", self.retry, dict[str, ParallelResult]),
+            ("set-suspended", self.suspend, dict[str, ParallelResult]),
+            ("unset-suspended", self.unsuspend, dict[str, ParallelResult]),
         ):
             router.add_api_route(
                 f"{BASE}/{path}",
@@ -121,6 +124,23 @@ class OrderCalls:
         """Go on with orders that have a fault, each on its own."""
         asked = self._answering.asked(request)
         command = RetryOrders(id=asked.id, by=asked.by, at_ms=asked.at_ms, orders=body.ids())
+        return await self._answering.answer(
+            request, command, lambda decision: parallel_results(body.orderIds, decision)
+        )
+
+    async def suspend(self, request: Request, body: OrderIdsReq) -> Response:
+        """Hold orders up, each on its own: no robot takes them, or goes on with them."""
+        return await self._suspend(request, body, suspended=True)
+
+    async def unsuspend(self, request: Request, body: OrderIdsReq) -> Response:
+        """Let suspended orders go on, each on its own."""
+        return await self._suspend(request, body, suspended=False)
+
+    async def _suspend(self, request: Request, body: OrderIdsReq, *, suspended: bool) -> Response:
+        asked = self._answering.asked(request)
+        command = SuspendOrders(
+            id=asked.id, by=asked.by, at_ms=asked.at_ms, orders=body.ids(), suspended=suspended
+        )
         return await self._answering.answer(
             request, command, lambda decision: parallel_results(body.orderIds, decision)
         )

@@ -1,5 +1,9 @@
 """The M4 calls that set robots up (spec/m4.md §4), and one of ours that clears their bins."""
 
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
+
 from fastapi import APIRouter
 from starlette.requests import Request
 from starlette.responses import Response
@@ -19,15 +23,18 @@ from commands.api.m4_robots import (
     SceneRobots,
     UpdateDisabledReq,
     UpdateOffDutyReq,
+    UpdateRobotConfigBatchReq,
 )
-from commands.robots import (
-    ClearRobotBins,
-    CreateRobots,
-    DisableRobots,
-    RemoveRobots,
-    SendRobotsOffDuty,
-)
-from ledger.ids import SceneId
+from commands.decide import RobotCommand
+from commands.rejected import Rejected
+from commands.robot_config import ReconfigureRobot, ReconfigureRobots
+from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
+from commands.robots import CreateRobots, RemoveRobots
+from ledger.events import RobotAdded, RobotReconfigured
+from ledger.ids import RobotName, SceneId
+
+# keeps gateway secrets of a scene's robots; on disk when it returns, which takes its time
+KeepSecrets: TypeAlias = Callable[[SceneId, Mapping[RobotName, str]], None]
 
 OF_SCENE = "/api/fleet/scenes/{sceneId}/robot"
 OF_ROBOTS = "/api/fleet/robots"
@@ -36,9 +43,10 @@ OF_ROBOTS = "/api/fleet/robots"
 class RobotCalls:
     """Endpoints that translate, ask, and word the answer."""
 
-    def __init__(self, answering: Answering) -> None:
-        """Take who answers."""
+    def __init__(self, answering: Answering, keep_secrets: KeepSecrets) -> None:
+        """Take who answers, and who keeps what the ledger must not."""
         self._answering = answering
+        self._keep_secrets = keep_secrets
 
     def join(self, router: APIRouter) -> None:
         """Add the calls to a router."""
@@ -47,6 +55,8 @@ class RobotCalls:
             (f"{OF_SCENE}/create/batch", self.create_batch, None),
             (f"{OF_SCENE}/create/auto-batch", self.create_auto_batch, None),
             (f"{OF_SCENE}/remove", self.remove, None),
+            (f"{OF_SCENE}/update/config", self.update, None),
+            (f"{OF_SCENE}/update/config/batch", self.update_batch, dict[str, ParallelResult]),
             (f"{OF_ROBOTS}/{{sceneId}}/disabled", self.disabled, None),
             (f"{OF_ROBOTS}/off-duty", self.off_duty, dict[str, ParallelResult]),
             (f"{OF_ROBOTS}/{{sceneId}}/clear-bins", self.clear_bins, dict[str, ParallelResult]),
@@ -80,12 +90,70 @@ class RobotCalls:
             scene=scene_id(request),
             robots=tuple(robot.robot() for robot in robots),
         )
+        secrets = {r.robotName or "": given for r in robots if (given := r.secret())}
+        await self._keep(request, command, secrets)
         return await self._answering.answer(request, command, nothing)
+
+    async def _keep(
+        self, request: Request, command: RobotCommand, given: Mapping[str, str] | str | None
+    ) -> None:
+        """Keep secrets, of each robot or one for all, before the ledger says that there are some.
+
+        Only of robots that the command will set up, and not again when a key is repeated: by then
+        the robot may have a newer one.
+        """
+        if not given or self._answering.repeated(request):
+            return
+        try:
+            events = self._answering.handler.consider(command).events
+        except Rejected:
+            return  # and the command itself will be refused, in its own words
+        names = [e.config.name for e in events if isinstance(e, RobotAdded | RobotReconfigured)]
+        kept = {
+            name: given if isinstance(given, str) else given[name]
+            for name in names
+            if isinstance(given, str) or name in given
+        }
+        if kept:
+            await asyncio.to_thread(self._keep_secrets, command.scene, kept)
 
     async def create_auto_batch(self, request: Request, body: CreateRobotBatchReq) -> Response:
         """Add a number of robots alike; a name that is taken refuses the whole call."""
         command = body.command(self._answering.asked(request), scene_id(request))
+        await self._keep(request, command, body.secret())
         return await self._answering.answer(request, command, nothing)
+
+    async def update(self, request: Request, body: SceneRobot) -> Response:
+        """Set up anew the robot named in the body; what is absent is at its default again.
+
+        Group and number of bins cannot change while the robot has orders.
+        """
+        asked = self._answering.asked(request)
+        command = ReconfigureRobot(
+            id=asked.id,
+            by=asked.by,
+            at_ms=asked.at_ms,
+            scene=scene_id(request),
+            config=body.robot(),
+        )
+        await self._keep(request, command, body.secret())
+        return await self._answering.answer(request, command, nothing)
+
+    async def update_batch(self, request: Request, body: UpdateRobotConfigBatchReq) -> Response:
+        """Change the set-up of robots, each on its own; null leaves a value as it is."""
+        asked = self._answering.asked(request)
+        command = ReconfigureRobots(
+            id=asked.id,
+            by=asked.by,
+            at_ms=asked.at_ms,
+            scene=scene_id(request),
+            robots=body.names(),
+            patch=body.config.patch(),
+        )
+        await self._keep(request, command, body.config.secret())
+        return await self._answering.answer(
+            request, command, lambda decision: parallel_results(body.robotNames, decision)
+        )
 
     async def remove(self, request: Request, body: RobotNamesReq) -> Response:
         """Remove robots that have no orders; all of them, or none."""

@@ -1,14 +1,8 @@
 import pytest
 
 from commands.rejected import Reason
-from commands.robots import (
-    ClearRobotBins,
-    CreateRobots,
-    CreateRobotSeries,
-    DisableRobots,
-    RemoveRobots,
-    SendRobotsOffDuty,
-)
+from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
+from commands.robots import CreateRobots, CreateRobotSeries, RemoveRobots
 from ledger.events import (
     OrderCancelled,
     RobotAdded,

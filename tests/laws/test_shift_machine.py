@@ -25,7 +25,7 @@ from commands.orders import (
     SealOrder,
 )
 from commands.rejected import Rejected
-from commands.robots import ClearRobotBins, DisableRobots, SendRobotsOffDuty
+from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
 from commands.steps import AddSteps, ChangeSteps, DeleteSteps, StepPatch
 from fleetledger.shift import Shift
 from ledger.ids import OrderId, RobotName

@@ -1,6 +1,6 @@
 """The write side in process: FastAPI over a ledger in memory, called without a socket."""
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from itertools import count
 from typing import Any
@@ -15,7 +15,7 @@ import commands.api.scenes
 from commands.handle import Handler
 from fleetledger.http import ThinRoute, install_errors
 from ledger.events import AnyEvent, stamped
-from ledger.ids import CommandId
+from ledger.ids import CommandId, RobotName, SceneId
 from ledger.store import MemoryLedger
 from tests.commands.site import opened
 from tests.scenario import STORY_MS, happened
@@ -48,8 +48,14 @@ class Site:
         self.waited: list[int] = []
         self.app = FastAPI()
         install_errors(self.app)
-        self.app.include_router(commands.api.m4.router(self.handler, self.durable, ThinRoute))
+        self.secrets: dict[tuple[SceneId, RobotName], str] = {}
+        self.app.include_router(
+            commands.api.m4.router(self.handler, self.durable, ThinRoute, self.keep_secrets)
+        )
         self.app.include_router(commands.api.scenes.router(self.handler, self.durable, ThinRoute))
+
+    def keep_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
+        self.secrets |= {(scene, robot): secret for robot, secret in secrets.items()}
 
     async def durable(self, position: int) -> None:
         assert position <= self.ledger.durable
