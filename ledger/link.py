@@ -193,6 +193,9 @@ class Space(Value, frozen=True, kw_only=True):
     points: tuple[XY, ...]
 
 
+EXTERNAL = "external:"  # before the owner of reserved ground, where robots' names stand too
+
+
 class Plan(Value, frozen=True, kw_only=True):
     """What the scheduler intends with a robot just now, for those who look on; not a command."""
 
@@ -203,7 +206,7 @@ class Plan(Value, frozen=True, kw_only=True):
     target: PointName | None = None
     untravelled: tuple[PathKey, ...] = ()  # paths still to be driven
     spaces: tuple[Space, ...] = ()  # cells it holds now
-    blocked_by: tuple[RobotName, ...] = ()
+    blocked_by: tuple[RobotName, ...] = ()  # and EXTERNAL with the owner of reserved ground
     commit: int = 0  # number of its newest committed move, 0 = none
     moving: bool = False
 
@@ -226,6 +229,7 @@ class DoorReport(Value, frozen=True, kw_only=True):
     at_ms: int
     status: DoorStatus
     fault: str | None = None  # in words; None = none
+    obeyed: int = 0  # number of the TellDoor by which it is, or will be, open; 0 = by none
 
 
 class LiftReport(Value, frozen=True, kw_only=True):
@@ -243,10 +247,15 @@ class LiftReport(Value, frozen=True, kw_only=True):
 
 
 class TellDoor(Value, frozen=True, kw_only=True, tag=True):
-    """Be open, or be closed; told again every second, and a door that hears nothing closes."""
+    """Be open, or be closed; told again every second, and a door that hears nothing closes.
+
+    The number stays the same while it is wanted open without a break. A door that reports both
+    Opened and this number cannot have begun to close when it said so: robots may enter.
+    """
 
     door: int
     open: bool
+    number: int = 0
     robots: tuple[RobotName, ...] = ()  # for whom
 
 

@@ -107,6 +107,9 @@ class GrantMapResources(Proposal, frozen=True, kw_only=True):
     units: tuple[UnitId, ...]
 
 
+DOES_NOT_ANSWER = "does not answer"  # reason of a FaultDevice for a device that is not heard
+
+
 class FaultDevice(Proposal, frozen=True, kw_only=True):
     """A door or a lift reports a fault, or is not heard any more."""
 

@@ -6,12 +6,16 @@ from math import isfinite
 
 from ledger.errors import Refused
 from ledger.ids import PointName, RobotName
-from ledger.scene import Area, Bin, Group, Path, RobotConfig, SceneFile
+from ledger.scene import Area, Bin, Door, Group, Lift, Path, RobotConfig, SceneFile
 
 BAD_SCENE = "BadSceneFile"
 COORDINATE_M_MAX = 100_000.0
 ROBOTS_MAX = 5_000
 CONTROLS_MAX = 16
+DEVICES_MAX = 1_000  # doors of a scene, and lifts
+DEVICE_ID_MAX = 2**31 - 1  # an Int of M4
+OPEN_AHEAD_M_MAX = 1_000.0
+LIFT_S_MAX = 3_600.0
 
 
 def simulated(robots: int, groups: tuple[Group, ...]) -> tuple[RobotConfig, ...]:
@@ -38,6 +42,7 @@ def check_references(scene: SceneFile) -> None:
     if not scene.areas:
         _refuse("areas", "a scene needs at least one area")
     _once("areas", "id", (area.id for area in scene.areas))
+    _once("areas", "name", (area.name for area in scene.areas))
     _once("groups", "id", (group.id for group in scene.groups))
     _once("groups", "name", (group.name for group in scene.groups))
     _once("container_types", "name", (kind.name for kind in scene.container_types))
@@ -47,6 +52,8 @@ def check_references(scene: SceneFile) -> None:
         _check_area(f"areas[{i}]", area)
     for i, group in enumerate(scene.groups):
         _check_group(f"groups[{i}]", group)
+    _check_doors(scene)
+    _check_lifts(scene)
     _check_robots(scene)
 
 
@@ -131,6 +138,74 @@ def _check_group(where: str, group: Group) -> None:
         if not _positive(limit):
             field = f"{where}.kinematics.{field}"
             _refuse(field, f"{group.name} has {limit}, not above 0", group.name)
+
+
+def _check_doors(scene: SceneFile) -> None:
+    _check_devices("doors", scene.doors)
+    areas = {area.id: area for area in scene.areas}
+    for i, door in enumerate(scene.doors):
+        where, area = f"doors[{i}]", areas.get(door.area)
+        if area is None:
+            _refuse(f"{where}.area", f"no area has the id {door.area} (door {door.name})")
+        else:
+            _check_ground(where, door, area)
+        if not 0 <= door.open_ahead_m <= OPEN_AHEAD_M_MAX:
+            what = f"{door.name} has {door.open_ahead_m}, not 0 to {OPEN_AHEAD_M_MAX:g} m"
+            _refuse(f"{where}.open_ahead_m", what, door.name)
+        if not (_within(door.x_m) and _within(door.y_m) and isfinite(door.heading_rad)):
+            _refuse(where, f"{door.name} is not within 100 km", door.name)
+        if not _positive(door.width_m):
+            _refuse(f"{where}.width_m", f"{door.name} has {door.width_m}, not above 0", door.name)
+
+
+def _check_ground(where: str, door: Door, area: Area) -> None:
+    """A door is across paths, or around points: M4 has one of both."""
+    if bool(door.paths) == bool(door.points):
+        given = "both paths and points" if door.paths else "neither paths nor points"
+        _refuse(where, f"{door.name} has {given}: give one of both", door.name)
+    _once(f"{where}.paths", "key", door.paths)
+    _once(f"{where}.points", "name", door.points)
+    keys, names = {path.key for path in area.paths}, {point.name for point in area.points}
+    for key in door.paths:
+        if key not in keys:
+            what = f"area {area.name} has no path {key!r} (door {door.name})"
+            _refuse(f"{where}.paths", what, key)
+    for name in door.points:
+        if name not in names:
+            what = f"area {area.name} has no point {name!r} (door {door.name})"
+            _refuse(f"{where}.points", what, name)
+
+
+def _check_lifts(scene: SceneFile) -> None:
+    _check_devices("lifts", scene.lifts)
+    areas = {area.id: {point.name for point in area.points} for area in scene.areas}
+    for i, lift in enumerate(scene.lifts):
+        where = f"lifts[{i}].floors"
+        if not lift.floors:
+            _refuse(where, f"{lift.name} has no floor", lift.name)
+        _once(where, "name", (floor.name for floor in lift.floors))
+        _once(where, "area", (floor.area for floor in lift.floors))
+        for k, floor in enumerate(lift.floors):
+            if floor.area not in areas:
+                what = f"no area has the id {floor.area} (lift {lift.name}, floor {floor.name})"
+                _refuse(f"{where}[{k}].area", what, floor.area)
+            if floor.point is not None and floor.point not in areas[floor.area]:
+                what = f"area {floor.area} has no point {floor.point!r} (lift {lift.name})"
+                _refuse(f"{where}[{k}].point", what, floor.point)
+        for field, seconds in (("door_s", lift.door_s), ("floor_s", lift.floor_s)):
+            if not 0 < seconds <= LIFT_S_MAX:
+                what = f"{lift.name} has {seconds}, not above 0 and up to {LIFT_S_MAX:g} s"
+                _refuse(f"lifts[{i}].{field}", what, lift.name)
+
+
+def _check_devices(where: str, devices: tuple[Door, ...] | tuple[Lift, ...]) -> None:
+    if len(devices) > DEVICES_MAX:
+        _refuse(where, f"a scene has at most {DEVICES_MAX}, not {len(devices)}", len(devices))
+    _once(where, "id", (device.id for device in devices))
+    _once(where, "name", (device.name for device in devices))
+    for i, device in enumerate(devices):
+        if not 0 <= device.id <= DEVICE_ID_MAX:
+            _refuse(f"{where}[{i}].id", f"{device.id} is not from 0 to {DEVICE_ID_MAX}", device.id)
 
 
 def _check_robots(scene: SceneFile) -> None:
