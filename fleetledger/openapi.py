@@ -53,7 +53,11 @@ _REFUSALS = {
     "400": "Wrong input: nothing happened",
     "401": "Nobody is signed in",
     "403": "The caller's role may not do this",
+    "429": "Too often: try again after `Retry-After` seconds",
+    "503": "The server cannot do this now",
+    "504": "It took too long",
 }
+_REPLAY = "/api/replay/"  # its calls say 404 for what was not there at the moment
 
 
 def operation_id(route: APIRoute) -> str:
@@ -79,10 +83,25 @@ def completed(document: dict[str, Any]) -> dict[str, Any]:
     for path, item in document["paths"].items():
         for operation in item.values():
             _speak(operation)
-            _refuse(operation)
+            _refuse(operation, "404" if path.startswith(_REPLAY) else None)
             if path in groups:
                 _exemplify(operation, groups[path])
+    _simplify_tuples(document["paths"])
     return document
+
+
+def _simplify_tuples(schema: Any) -> None:
+    """Spell tuples of one type, such as corners, as arrays: tools stumble over `prefixItems`."""
+    if isinstance(schema, dict):
+        parts = schema.get("prefixItems")
+        if isinstance(parts, list) and all(part == parts[0] for part in parts):
+            del schema["prefixItems"]
+            schema["items"] = parts[0]
+        for inner in schema.values():
+            _simplify_tuples(inner)
+    elif isinstance(schema, list):
+        for inner in schema:
+            _simplify_tuples(inner)
 
 
 def _speak(operation: dict[str, Any]) -> None:
@@ -93,20 +112,22 @@ def _speak(operation: dict[str, Any]) -> None:
         operation["responses"]["200"] = {"description": "Done; there is no body"}
 
 
-def _refuse(operation: dict[str, Any]) -> None:
+def _refuse(operation: dict[str, Any], missing: str | None) -> None:
     schema = {"schema": {"$ref": "#/components/schemas/ErrorBody"}}
     responses = operation["responses"]
     responses.pop("422", None)
     wanted = dict(_REFUSALS)
     if "requestBody" in operation:
         wanted["413"] = "Body too large"
+    if missing is not None:
+        wanted[missing] = "It was not there at that moment"
     for status, words in wanted.items():
         content = {"application/json": dict(schema)}
         responses.setdefault(status, {"description": words, "content": content})
 
 
 def _exemplify(operation: dict[str, Any], group: str) -> None:
-    asked, answered = _examples(group, "request"), _examples(group, "response")
+    asked, answered = examples(group, "request"), examples(group, "response")
     if group == "external-map-res-request":
         refused = answered.pop("example-3")
         operation["responses"]["400"]["content"]["application/json"]["examples"] = {
@@ -120,7 +141,7 @@ def _exemplify(operation: dict[str, Any], group: str) -> None:
 
 
 @cache
-def _examples(group: str, side: str) -> dict[str, dict[str, Any]]:
+def examples(group: str, side: str) -> dict[str, dict[str, Any]]:
     """Read the examples of a call by their numbers; the first has none in its file's name."""
     found = {}
     for path in sorted(EXAMPLES.glob(f"{group}*.{side}.json")):
