@@ -31,7 +31,8 @@ class Admission:
         self.scene = scene
         self.roadmap = roadmap
         self.grants = grants
-        self.within_m = within_m
+        self.within_m = within_m  # of a point …
+        self.path_m = within_m  # … and of a path
         self.entries: dict[str, list[Entry]] = {}
         self._sessions: dict[str, int] = {}  # robot -> newest number
 
@@ -74,7 +75,7 @@ class Admission:
         track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
         net = self.roadmap.net
         point = nearest_point(self.roadmap, report, self.within_m)
-        legs = on_paths(self.roadmap, report, self.within_m)
+        legs = on_paths(self.roadmap, report, self.path_m)
         if point is not None:
             x, y = net.points[point].x_m, net.points[point].y_m
             if legs and math.hypot(report.x_m - x, report.y_m - y) > MARGIN_M:

@@ -1,8 +1,11 @@
 """What it costs to drive on from a place: rows per goal over (place, heading of arrival)."""
 
+import copy
 from collections import Counter, OrderedDict
+from collections.abc import Set
 from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_matrix
@@ -17,6 +20,17 @@ ROWS_MAX = 4096  # rows kept; 10 000 states make 80 kB each
 WAYS_MAX = 50_000  # lists of ways kept, some 300 bytes each
 _Array = npt.NDArray[Any]
 INFINITE = float("inf")
+
+
+class Edges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The graph of states and goals, edge by edge, and what each edge is driven over."""
+
+    tails: _Array
+    heads: _Array
+    costs: _Array
+    move: _Array
+    departure: _Array  # point of the turn before the move, -1 = none
+    arrival: _Array  # point of the turn that the goal demands, -1 = none
 
 
 class Costs:
@@ -44,10 +58,32 @@ class Costs:
                 place_of.append(moves.end[move])
                 heading_of.append(roadmap.heading_end[move])
             self.state.append(states[key])
+        self.closed_moves: frozenset[int] = frozenset()
+        self._closed_turns: frozenset[int] = frozenset()
+        self._place_of = place_of
         self._goal = len(states)  # node of place k as a goal: _goal + k
-        self._reversed, component = self._graph(place_of, heading_of)
+        self._edges = self._all_edges(place_of, heading_of)
+        self._lay(np.ones(len(self._edges.move), dtype=bool))
+
+    def closed(self, moves: Set[int], turns: Set[int]) -> "Costs":
+        """The same without these moves, and without turning on these points."""
+        found, edges = copy.copy(self), self._edges
+        found.closed_moves, found._closed_turns = frozenset(moves), frozenset(turns)
+        shut = np.isin(edges.move, sorted(moves))
+        shut |= np.isin(edges.departure, sorted(turns)) | np.isin(edges.arrival, sorted(turns))
+        found._lay(~shut)
+        return found
+
+    def _lay(self, kept: _Array) -> None:
+        """Make the graph of the edges that are kept; what was found in another is forgotten."""
+        edges, moves = self._edges, self.roadmap.moves
+        nodes = self._goal + len(self.roadmap.places.point)
+        lowest = _lowest(edges.tails[kept], edges.heads[kept], edges.costs[kept], nodes)
+        within = lowest[: self._goal, : self._goal]
+        _, labels = connected_components(within, directed=True, connection="strong")
+        self._reversed, component = lowest.T.tocsr(), labels.tolist()
         main = Counter(component).most_common(1)[0][0] if component else -1
-        home = {place for state, place in enumerate(place_of) if component[state] == main}
+        home = {place for state, place in enumerate(self._place_of) if component[state] == main}
         # Moves that end outside the largest part whose places all lead to each other, and those of
         # them that leave it: no way back.
         self.outside = [component[self.state[move]] != main for move in range(moves.count)]
@@ -57,41 +93,53 @@ class Costs:
         self._kept: OrderedDict[int, list[float]] = OrderedDict()
         self._ways: dict[tuple[int, float, int], list[tuple[float, int]]] = {}
 
-    def _graph(self, place_of: list[int], heading_of: list[float]) -> tuple[csr_matrix, list[int]]:
+    def _all_edges(self, place_of: list[int], heading_of: list[float]) -> Edges:
         roadmap, moves = self.roadmap, self.roadmap.moves
-        tails, heads, costs = [], [], []
+        rows: list[tuple[int, int, float, int, int, int]] = []
         for state, place in enumerate(place_of):
             for move in roadmap.leaving[place]:
                 turn = self.departure_s(place, heading_of[state], move)
                 if turn == INFINITE:
                     continue
                 end, cost = moves.end[move], turn + self.move_s[move]
+                before = roadmap.places.point[place] if turn else -1
                 if end < roadmap.places.stops:
-                    tails.append(state)
-                    heads.append(self.state[move])
-                    costs.append(cost)
+                    rows.append((state, self.state[move], cost, move, before, -1))
                 final = roadmap.final_turn_rad(end, roadmap.heading_end[move])
-                tails.append(state)
-                heads.append(self._goal + end)
-                costs.append(cost + roadmap.turn_cost_s(final, self.limits))
-        nodes = self._goal + len(roadmap.places.point)
-        lowest = _lowest(np.array(tails), np.array(heads), np.array(costs), nodes)
-        within = lowest[: self._goal, : self._goal]
-        _, labels = connected_components(within, directed=True, connection="strong")
-        return lowest.T.tocsr(), labels.tolist()
+                total = cost + roadmap.turn_cost_s(final, self.limits)
+                after = roadmap.places.point[end] if final else -1
+                rows.append((state, self._goal + end, total, move, before, after))
+        columns = [np.array(column) for column in zip(*rows, strict=True)] or 6 * [np.array([])]
+        tails, heads, costs, move_of, departure, arrival = columns
+        return Edges(
+            tails=tails,
+            heads=heads,
+            costs=costs,
+            move=move_of,
+            departure=departure,
+            arrival=arrival,
+        )
 
     def departure_s(self, place: int, heading_rad: float, move: int) -> float:
-        """The turn before a move; infinite where turning is forbidden."""
+        """The turn before a move; infinite where turning is forbidden, or closed."""
         angle = turn_rad(heading_rad, self.roadmap.heading_start[move])
-        if angle and not self.roadmap.turning[place]:
+        if angle and not (self.roadmap.turning[place] and self.can_turn(place)):
             return INFINITE
         return self.roadmap.turn_cost_s(angle, self.limits)
 
     def arrival_s(self, move: int) -> float:
         """The turn that its end demands of who has its goal there."""
-        roadmap = self.roadmap
-        angle = roadmap.final_turn_rad(roadmap.moves.end[move], roadmap.heading_end[move])
-        return roadmap.turn_cost_s(angle, self.limits)
+        return self._final_s(self.roadmap.moves.end[move], self.roadmap.heading_end[move])
+
+    def can_turn(self, place: int) -> bool:
+        """Is the ground for a turn in place not closed."""
+        return self.roadmap.places.point[place] not in self._closed_turns
+
+    def _final_s(self, place: int, heading_rad: float) -> float:
+        angle = self.roadmap.final_turn_rad(place, heading_rad)
+        if angle and not self.can_turn(place):
+            return INFINITE
+        return self.roadmap.turn_cost_s(angle, self.limits)
 
     def row(self, goal: int) -> list[float]:
         """Seconds from each state to a place; infinite if there is no way."""
@@ -109,6 +157,8 @@ class Costs:
 
     def onward_s(self, place: int, heading_rad: float, move: int, goal: int) -> float:
         """Seconds to the goal if this move is driven first."""
+        if move in self.closed_moves:
+            return INFINITE
         turn = self.departure_s(place, heading_rad, move)
         if turn == INFINITE:
             return INFINITE
@@ -123,8 +173,7 @@ class Costs:
     def cost_s(self, place: int, heading_rad: float, goal: int) -> float:
         """Seconds from a place and heading to a goal."""
         if place == goal:
-            final = self.roadmap.final_turn_rad(place, heading_rad)
-            return self.roadmap.turn_cost_s(final, self.limits)
+            return self._final_s(place, heading_rad)
         ways = self.ways(place, heading_rad, goal)
         return min(ways)[0] if ways else INFINITE
 

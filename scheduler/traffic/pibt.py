@@ -158,7 +158,9 @@ class _Planner:
                     continue
                 if agent.costs.departure_s(between, heading, second) == INFINITE:
                     continue
-                if second in self.world.closed_moves or not self.sound(agent, second):
+                if second in self.world.closed_moves or second in agent.costs.closed_moves:
+                    continue
+                if not self.sound(agent, second):
                     continue
                 looked_at += 1
                 self.tries += 1
@@ -235,7 +237,7 @@ class _Planner:
         return found
 
     def _usable(self, agent: Agent, move: int) -> bool:
-        if move in self.world.closed_moves:
+        if move in self.world.closed_moves or move in agent.costs.closed_moves:
             return False
         if self.world.closed_turns:
             point = self.roadmap.places.point[agent.place]
@@ -258,7 +260,7 @@ class _Planner:
                 found.append((value + POCKET_S if strange else value, (move,)))
         if agent.place == goal:
             found.append((0.0, None))
-            if self.roadmap.final_turn_rad(goal, agent.heading_rad):
+            if self.roadmap.final_turn_rad(goal, agent.heading_rad) and agent.costs.can_turn(goal):
                 found.append((-1.0, ()))
         elif found:
             best = min(found)[0]

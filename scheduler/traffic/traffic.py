@@ -5,25 +5,25 @@ that it owns. The planner only proposes; every proposal is checked against the g
 """
 
 from collections.abc import Mapping, Sequence, Set
-from itertools import islice
 from pathlib import Path as FilePath
 
 from ledger.ids import PointName, RobotName, SceneId
-from ledger.link import Drive, Plan, Report, Space, TellRoute
-from ledger.scene import Area, Group
+from ledger.link import Drive, Plan, Report, TellRoute
+from ledger.scene import XY, Area, Group
 from scheduler.goal import Goal
 from scheduler.traffic.admission import OLD_ROUTE, Admission
+from scheduler.traffic.claims import Claims
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE, Costs
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.pibt import World, propose, room
 from scheduler.traffic.routes import Builder, Leg
+from scheduler.traffic.shown import Shown
 from scheduler.traffic.track import Track
 from scheduler.traffic.wishes import agents, overlay, relocate
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
 REPLAN_MS = 500  # while somebody waits; else planning follows events
-SPACES_MAX = 32  # polygons per plan shown
 HEADING_OK_RAD = 0.1  # a heading demanded on arrival counts as met within this
 
 
@@ -48,6 +48,7 @@ class Traffic:
             group.id: Costs(self.roadmap, group.kinematics)
             for group in self.roadmap.groups.values()
         }
+        self._reserved = Claims(self.roadmap, self.grants, self._costs)
         self._tracks: dict[RobotName, Track] = {}  # by name, ascending
         self._commit_last = 0
         self._commit_first = 0  # ways to a first stop come before all that is committed
@@ -56,9 +57,21 @@ class Traffic:
         self._dirty = True
         self._freed = False
         self._plan_ms = 0
+        self._quiet_ms = 10 * REPLAN_MS  # the longest time between two plannings
         self._touched: set[RobotName] = set()
         self._resend_ms = 0
-        self._spaces: dict[int, Space] = {}  # of cells, as shown to those who look on
+        self._shown = Shown(scene, self.roadmap, self.grants)
+
+    def tune(
+        self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int
+    ) -> None:
+        """Take settings of the scene: how far from a point or a path a robot is still on it, and
+        the longest time between two plannings when nothing happens.
+        """
+        self._admission.within_m = point_distance_m
+        self._admission.path_m = path_distance_m
+        self._quiet_ms = plan_interval_ms
+        self._plan_ms = 0  # what is due by the new interval is done at once
 
     # -- robots come, report, and go
 
@@ -152,6 +165,28 @@ class Traffic:
                 bits |= 1 << other.place
         return bits
 
+    # -- ground reserved by others
+
+    def claim(
+        self, id_: str, owner: str, rings: Sequence[tuple[XY, ...]], *, owned: bool = False
+    ) -> None:
+        """Keep all robots but the owner's own off these polygons; `owned`: they are off already,
+        for it was granted before we started.
+        """
+        self._reserved.add(id_, owner, rings, owned=owned)
+        self._dirty = self._freed = True
+        self._reserved.direct(self._tracks.values())
+
+    def unclaim(self, id_: str) -> None:
+        """Let robots go there again."""
+        self._reserved.drop(id_)
+        self._dirty = self._freed = True
+        self._reserved.direct(self._tracks.values())
+
+    def claimed(self, id_: str) -> bool:
+        """Is the ground free of robots, and will it stay so until it is given back."""
+        return self._reserved.owned(id_)
+
     # -- answers
 
     @property
@@ -190,6 +225,12 @@ class Traffic:
         if track is None or place is None or track.place is None:
             return INFINITE
         return track.costs.cost_s(track.place, track.heading_rad, place)
+
+    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
+        """Owners whose reserved ground alone keeps the robot from there; empty = none does."""
+        track = self._tracks.get(robot)
+        place = self.roadmap.place.get(point)
+        return () if track is None or place is None else self._reserved.in_way(track, place)
 
     # -- one step
 
@@ -242,15 +283,20 @@ class Traffic:
                 if track.acquire(self.grants):
                     self._touched.add(track.name)
                     again = track.release(self.grants) or again
+        self._reserved.acquire()
 
     def _plan(self, now_ms: int) -> None:
         self._enter()
         tracks = list(self._tracks.values())
-        relocate(self.roadmap, tracks, self._fixed)
+        if self._reserved:
+            self._reserved.direct(tracks)
+        roadmap = self._reserved.roadmap
+        relocate(roadmap, tracks, self._fixed)
+        self._reserved.send_out(tracks, self._fixed)
         ranks = {name: goal.rank for name, goal in self._goals.items()}
         world = World(
-            roadmap=self.roadmap,
-            agents=agents(self.roadmap, tracks, ranks, self._fixed, now_ms),
+            roadmap=roadmap,
+            agents=agents(roadmap, tracks, ranks, self._fixed, now_ms),
         )
         claims = self._claims()
         if claims:
@@ -263,14 +309,14 @@ class Traffic:
             track = self._tracks[RobotName(name)]
             assert track.place is not None
             here = 1 << track.place
-            goal = track.goal if track.goal is not None else track.relocation
+            goal = track.aim
             need = room(world, track.place, track.heading_rad, moves, goal) & ~here
             if track.near and not need & positions:
                 self._commit(track, moves, goal)
                 positions = positions & ~here | 1 << track.place
         waits = any((t.goal, t.relocation) not in ((t.place, None), (None, None)) for t in tracks)
         waits = waits or bool(self._admission.entries)
-        self._plan_ms = now_ms + (REPLAN_MS if waits else 10 * REPLAN_MS)
+        self._plan_ms = now_ms + (min(REPLAN_MS, self._quiet_ms) if waits else self._quiet_ms)
 
     def _enter(self) -> None:
         """Send robots that were found between stops to the nearest stop that is free."""
@@ -280,7 +326,7 @@ class Traffic:
             if track.lost or name in self._fixed:
                 continue
             for entry in self._admission.entries[name]:
-                if not entry.need & taken:
+                if not entry.need & taken and not self._reserved.bars_entry(track, entry):
                     self._commit_first -= 1
                     self._admission.enter(track, entry, self._commit_first)
                     self._touched.add(track.name)
@@ -301,21 +347,24 @@ class Traffic:
     def _commit(self, track: Track, moves: tuple[int, ...], goal: int | None) -> None:
         """Append moves to a route, each under the next number; () is the turn that a goal asks."""
         assert track.place is not None
-        roadmap = self.roadmap
-        point = roadmap.places.point[track.place]
+        roadmap, place = self.roadmap, track.place
+        point = roadmap.places.point[place]
         build = Builder(roadmap, track.footprint, point, track.heading_rad, track.piece_next)
         for move in moves:
             self._commit_last += 1
             build.drive([Leg(path=k) for k in roadmap.moves.paths[move]], move, self._commit_last)
-            track.place = roadmap.moves.end[move]
-        demanded = roadmap.net.points[roadmap.places.point[track.place]].heading_rad
-        if track.place == goal and roadmap.turning[track.place] and demanded is not None:
+            place = roadmap.moves.end[move]
+        demanded = roadmap.net.points[roadmap.places.point[place]].heading_rad
+        if place == goal and roadmap.turning[place] and demanded is not None:
             if not moves:
                 self._commit_last += 1
             build.turn(demanded, moves[-1] if moves else -1, self._commit_last)
         if not build.pieces:
             return
         build.rest()
+        if self._reserved and self._reserved.bars(track, (slot.cell for slot in build.slots)):
+            return  # the planner does not propose it; what is reserved must not hang on that
+        track.place = place
         track.extend(build.pieces, build.slots, self.grants)
         track.heading_rad, track.state = build.heading_rad, (track.near, False)
         track.arrived_ms = None
@@ -339,36 +388,11 @@ class Traffic:
 
     def plans(self, now_ms: int) -> list[Plan]:
         """What is intended with each robot just now."""
-        return [self._plan_of(track, now_ms) for track in self._tracks.values()]
-
-    def _plan_of(self, track: Track, now_ms: int) -> Plan:
-        spaces = [self._space(slot.cell) for slot in islice(track.owned, SPACES_MAX)]
-        blockers: list[str] = []
-        if track.promised:
-            slot = track.promised[0]
-            blockers = self.grants.blockers(slot.cell, track.name, slot.commit)
-        target = self._goals.get(track.name)
-        return Plan(
-            scene=self.scene,
-            robot=track.name,
-            at_ms=now_ms,
-            ready=track.placed and track.trouble is None and not track.lost,
-            target=None if target is None else target.point,
-            untravelled=track.untravelled(),
-            spaces=tuple(spaces),
-            blocked_by=tuple(RobotName(name) for name in sorted(set(blockers))),
-            commit=track.commit,
-            moving=not track.driven,
-        )
-
-    def _space(self, cell: int) -> Space:
-        if self.grants.is_shape(cell):  # made for one robot and one moment
-            ring = self.grants.ring(cell)
-            return Space(points=tuple((round(x, 3), round(y, 3)) for x, y in ring))
-        space = self._spaces.get(cell)
-        if space is None:
-            space = self._spaces[cell] = Space(points=self.roadmap.ring(cell))
-        return space
+        shown, robots = self._shown, self._tracks.keys()
+        return [
+            shown.plan(track, self._goals.get(track.name), robots, now_ms)
+            for track in self._tracks.values()
+        ]
 
 
 def _stale(track: Track, report: Report) -> bool:

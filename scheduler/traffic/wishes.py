@@ -34,7 +34,7 @@ def relocate(roadmap: Roadmap, tracks: Iterable[Track], fixed: Set[RobotName]) -
     known = [track for track in tracks if track.place is not None]
     wanted: dict[int, float] = {}  # pocket -> deepest goal of somebody outside
     for track in known:
-        if track.goal is not None and pockets.pocket[track.goal] >= 0:
+        if track.goal is not None and not track.barred and pockets.pocket[track.goal] >= 0:
             pocket = pockets.pocket[track.goal]
             if track.place is not None and pockets.pocket[track.place] != pocket:
                 depth = pockets.depth_m[track.goal]
@@ -43,7 +43,7 @@ def relocate(roadmap: Roadmap, tracks: Iterable[Track], fixed: Set[RobotName]) -
     for track in known:
         assert track.place is not None
         pocket = pockets.pocket[track.place]
-        idle = track.goal is None and track.name not in fixed
+        idle = (track.goal is None or track.barred) and track.name not in fixed
         in_way = pocket in wanted and pockets.depth_m[track.place] <= wanted[pocket] + DEEPER_M
         if not idle or pocket < 0 or not in_way:
             track.relocation = None
@@ -82,7 +82,7 @@ def agents(
     found: list[tuple[int, Rank, Agent]] = []
     for track in known:
         assert track.place is not None
-        goal = track.goal if track.goal is not None else track.relocation
+        goal = track.aim
         agent = Agent(
             name=track.name,
             place=track.place,

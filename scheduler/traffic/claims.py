@@ -1,0 +1,310 @@
+"""Ground that somebody outside reserves: kept free of all robots but the owner's own.
+
+A claim is *pending* until no robot holds or is promised a piece of it, and *owned* from then on
+until it is dropped. From its first moment nobody commits a move over it, so what was committed
+before drives on to its end, what stands there is sent out, and no robot ever waits for a claim in
+the middle of its way: a pending claim queues behind all commits, an owned one is in nobody's way.
+"""
+
+import copy
+from collections.abc import Iterable, Sequence, Set
+from itertools import pairwise
+from typing import TypeAlias
+
+import msgspec
+import shapely
+
+from ledger.ids import RobotName
+from ledger.scene import XY
+from scheduler.traffic.admission import NEVER
+from scheduler.traffic.costs import INFINITE, Costs
+from scheduler.traffic.geometry import turn_rad
+from scheduler.traffic.grants import Grants
+from scheduler.traffic.moves import Moves
+from scheduler.traffic.placing import Entry
+from scheduler.traffic.pockets import find
+from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.routes import ENTRY, Builder
+from scheduler.traffic.track import Track
+
+CLOSURES_MAX = 64  # kept: one for all strangers, and one for each robot that owns or leaves ground
+WAY_MAX = 1_000  # moves looked at for the claim that is in a robot's way
+
+Ids: TypeAlias = frozenset[str]
+
+
+class Claim(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One reservation and what of the map it closes."""
+
+    id: str
+    owner: str
+    shapes: tuple[int, ...]  # numbers in the grant table
+    cells: frozenset[int]  # compiled cells that it overlaps
+    moves: frozenset[int]
+    turns: frozenset[int]  # points where nobody can turn
+    places: int  # bits
+
+
+class Closure(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What some claims close together."""
+
+    cells: frozenset[int] = frozenset()
+    moves: frozenset[int] = frozenset()
+    turns: frozenset[int] = frozenset()
+    places: int = 0
+
+
+class Claims:
+    """The reservations of one area, and who may not go where for them."""
+
+    def __init__(self, roadmap: Roadmap, grants: Grants, costs: dict[int, Costs]) -> None:
+        """`costs` are those of the open map, by group."""
+        self.roadmap = roadmap  # with the dead ends that the claims make
+        self._open = roadmap
+        self._grants = grants
+        self._costs = costs
+        self._claims: dict[str, Claim] = {}
+        self._pending: set[str] = set()
+        self._closures: dict[Ids, Closure] = {}
+        self._closed_costs: dict[tuple[int, Ids], Costs] = {}
+        self._inner_turns: dict[int, set[int]] | None = None  # point -> moves that turn on it
+
+    def __bool__(self) -> bool:
+        return bool(self._claims)
+
+    # -- claims come and go
+
+    def add(self, id_: str, owner: str, rings: Sequence[tuple[XY, ...]], *, owned: bool) -> None:
+        """Reserve these polygons; `owned`: it was granted before, by a scheduler that is gone."""
+        polygons = [shapely.Polygon(ring) for ring in rings]
+        bodies = {n: shapely.Polygon(ring) for n, ring in self._grants.shapes().items()}
+        ours = {shape for claim in self._claims.values() for shape in claim.shapes}
+        shapes, cells = [], set()
+        for polygon, ring in zip(polygons, rings, strict=True):
+            over = self._open.meeting(polygon)
+            cells.update(over)
+            met = [n for n, body in bodies.items() if n not in ours and body.intersects(polygon)]
+            shape = self._grants.add_shape(ring, (*over, *met))
+            self._grants.promise(shape, owner, NEVER)
+            shapes.append(shape)
+        ground = sorted(cells)
+        moves, turns = self._open.users(ground)
+        places = self._open.places_of(ground)
+        moves |= {m for m, end in enumerate(self._open.moves.end) if places >> end & 1}
+        for point in turns:
+            moves |= self._turning_on(point)
+        self._claims[id_] = Claim(
+            id=id_,
+            owner=owner,
+            shapes=tuple(shapes),
+            cells=frozenset(cells),
+            moves=frozenset(moves),
+            turns=frozenset(turns),
+            places=places,
+        )
+        self._pending.add(id_)
+        if owned:
+            self._own(self._claims[id_])
+        self._changed()
+
+    def drop(self, id_: str) -> None:
+        """Give the ground back."""
+        claim = self._claims.pop(id_, None)
+        if claim is None:
+            return
+        for shape in claim.shapes:
+            if id_ in self._pending:
+                self._grants.withdraw(shape, claim.owner, NEVER)
+            else:
+                self._grants.release(shape, claim.owner)
+        self._pending.discard(id_)
+        self._changed()
+
+    def owned(self, id_: str) -> bool:
+        """Is the ground free of robots, and will it stay so."""
+        return id_ in self._claims and id_ not in self._pending
+
+    def acquire(self) -> None:
+        """Own what has come free, whole claims only."""
+        for id_ in sorted(self._pending):
+            claim = self._claims[id_]
+            if all(self._grants.free(shape, claim.owner, NEVER) for shape in claim.shapes):
+                self._own(claim)
+
+    def _own(self, claim: Claim) -> None:
+        for shape in claim.shapes:
+            self._grants.fulfil(shape, claim.owner, NEVER)
+        self._pending.discard(claim.id)
+
+    def _turning_on(self, point: int) -> set[int]:
+        """Moves with a turn in place on this point, between two of their paths."""
+        if self._inner_turns is None:
+            self._inner_turns = {}
+            net = self._open.net
+            for move, paths in enumerate(self._open.moves.paths):
+                for path, after in pairwise(paths):
+                    angle = net.traces.heading_end[path], net.traces.heading_start[after]
+                    if turn_rad(*angle):
+                        self._inner_turns.setdefault(net.end[path], set()).add(move)
+        return self._inner_turns.get(point, set())
+
+    def _changed(self) -> None:
+        """Find the dead ends anew: where a lane is reserved in its middle, there are two."""
+        self._closures.clear()
+        self._closed_costs.clear()
+        self.roadmap = self._open
+        closed = self.closure(frozenset(self._claims))
+        if not closed.moves:
+            return
+        moves, net = self._open.moves, self._open.net
+        kept = [m for m in range(moves.count) if m not in closed.moves]
+        left = Moves(
+            start=[moves.start[m] for m in kept],
+            end=[moves.end[m] for m in kept],
+            paths=[],
+            need=[],
+        )
+        lengths = [sum(net.traces.length_m[path] for path in moves.paths[m]) for m in kept]
+        found, known = find(self._open.places, left, lengths), self._open.pockets
+        for place in range(len(self._open.places.point)):
+            if closed.places >> place & 1:  # its owner, and who leaves it, goes by the whole map
+                found.pocket[place], found.depth_m[place] = -1, known.depth_m[place]
+        self.roadmap = copy.copy(self._open)
+        self.roadmap.pockets = found
+
+    # -- what they close, and for whom
+
+    def closure(self, ids: Ids) -> Closure:
+        """Give what these claims close."""
+        found = self._closures.get(ids)
+        if found is None:
+            found = Closure()
+            for id_ in sorted(ids):
+                claim = self._claims[id_]
+                found = Closure(
+                    cells=found.cells | claim.cells,
+                    moves=found.moves | claim.moves,
+                    turns=found.turns | claim.turns,
+                    places=found.places | claim.places,
+                )
+            if len(self._closures) >= CLOSURES_MAX:
+                self._closures.clear()
+            self._closures[ids] = found
+        return found
+
+    def barring(self, track: Track) -> Ids:
+        """Claims that this robot must keep off: not its own, and not one that it has to leave."""
+        return frozenset(
+            claim.id
+            for claim in self._claims.values()
+            if claim.owner != track.name
+            and not (claim.id in self._pending and self._stands_on(track, claim))
+        )
+
+    def _stands_on(self, track: Track, claim: Claim) -> bool:
+        if track.place is not None and claim.places >> track.place & 1:
+            return True
+        if track.promised or not track.driven:
+            return False
+        shapes = set(claim.shapes)
+        return any(
+            slot.cell in claim.cells or not shapes.isdisjoint(self._grants.excluded(slot.cell))
+            for slot in track.owned
+        )
+
+    def bars(self, track: Track, cells: Iterable[int]) -> bool:
+        """Would the robot be on reserved ground if it had these cells."""
+        return not self.closure(self.barring(track)).cells.isdisjoint(cells)
+
+    def bars_entry(self, track: Track, entry: Entry) -> bool:
+        """May this not be the way of a robot to its first stop: it may lead off pending ground, but
+        never end on any.
+        """
+        if not self._claims:
+            return False
+        others = frozenset(c.id for c in self._claims.values() if c.owner != track.name)
+        heading = track.report.heading_rad if track.report is not None else 0.0
+        build = Builder(self._open, track.footprint, entry.point, heading, track.piece_next)
+        build.drive(entry.legs, ENTRY, 0)
+        build.rest()
+        within = bool(self.closure(others).places >> entry.place & 1)
+        return within or self.bars(track, (slot.cell for slot in build.slots))
+
+    def _costs_of(self, track: Track, ids: Ids) -> Costs:
+        closure = self.closure(ids)
+        if not closure.moves and not closure.turns:
+            return self._costs[track.group]
+        found = self._closed_costs.get((track.group, ids))
+        if found is None:
+            found = self._costs[track.group].closed(closure.moves, closure.turns)
+            if len(self._closed_costs) >= CLOSURES_MAX:
+                self._closed_costs.clear()
+            self._closed_costs[track.group, ids] = found
+        return found
+
+    # -- what becomes of the robots
+
+    def direct(self, tracks: Iterable[Track]) -> None:
+        """Give every robot the map that is open to it, and note whose goal is not to be had."""
+        strangers = frozenset(self._claims)
+        owners = {claim.owner for claim in self._claims.values()}
+        for track in tracks:
+            its_own = self._pending or track.name in owners
+            ids = self.barring(track) if its_own else strangers
+            track.costs = self._costs_of(track, ids)
+            track.barred = ()
+            if track.place is not None and track.goal is not None and ids:
+                track.barred = self.in_way(track, track.goal)
+
+    def in_way(self, track: Track, goal: int) -> tuple[str, ...]:
+        """Owners whose claims alone keep a robot from this place; empty = it can get there, or
+        could not anyway.
+        """
+        if not self._claims or track.place is None:
+            return ()
+        place, heading = track.place, track.heading_rad
+        open_costs = self._costs[track.group]
+        if track.costs is open_costs or track.costs.cost_s(place, heading, goal) < INFINITE:
+            return ()
+        if open_costs.cost_s(place, heading, goal) == INFINITE:
+            return ()
+        barring = [self._claims[id_] for id_ in sorted(self.barring(track))]
+        for _ in range(WAY_MAX):
+            ways = [] if place == goal else open_costs.ways(place, heading, goal)
+            if not ways:
+                break
+            _, move = min(ways)
+            turn = turn_rad(heading, self._open.heading_start[move])
+            point = self._open.places.point[place]
+            found = {c.owner for c in barring if move in c.moves or (turn and point in c.turns)}
+            if found:
+                return tuple(sorted(found))
+            place, heading = self._open.moves.end[move], self._open.heading_end[move]
+        return tuple(sorted({claim.owner for claim in barring}))
+
+    def send_out(self, tracks: Sequence[Track], fixed: Set[RobotName]) -> None:
+        """Give robots that rest on pending ground and have nothing to do elsewhere a goal off it:
+        the nearest stop that nobody has or wants.
+        """
+        if not self._pending:
+            return
+        closed = self.closure(frozenset(self._claims)).places
+        wanted = (place for t in tracks for place in (t.place, t.goal, t.relocation))
+        taken = {place for place in wanted if place is not None}
+        for track in tracks:
+            if track.place is None or track.aim is not None or track.name in fixed:
+                continue
+            here = [self._claims[id_] for id_ in self._pending]
+            if not any(c.owner != track.name and self._stands_on(track, c) for c in here):
+                continue
+            free = (
+                (cost, place)
+                for place in range(self._open.places.stops)
+                if place not in taken
+                and not closed >> place & 1
+                and (cost := track.costs.cost_s(track.place, track.heading_rad, place)) < INFINITE
+            )
+            found = min(free, default=None)
+            if found is not None:
+                track.relocation = found[1]
+                taken.add(found[1])

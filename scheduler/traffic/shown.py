@@ -1,0 +1,55 @@
+"""What traffic intends with its robots, for those who look on."""
+
+from collections.abc import Container
+from itertools import islice
+
+from ledger.ids import RobotName, SceneId
+from ledger.link import EXTERNAL, Plan, Space
+from scheduler.goal import Goal
+from scheduler.traffic.grants import Grants
+from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.track import Track
+
+SPACES_MAX = 32  # polygons per plan
+
+
+class Shown:
+    """Makes plans; changes nothing."""
+
+    def __init__(self, scene: SceneId, roadmap: Roadmap, grants: Grants) -> None:
+        self._scene = scene
+        self._roadmap = roadmap
+        self._grants = grants
+        self._spaces: dict[int, Space] = {}  # of compiled cells
+
+    def plan(self, track: Track, goal: Goal | None, robots: Container[str], now_ms: int) -> Plan:
+        """Say what is intended with one robot; who is in its way and none of `robots` is an owner
+        of reserved ground.
+        """
+        spaces = [self._space(slot.cell) for slot in islice(track.owned, SPACES_MAX)]
+        blockers = {f"{EXTERNAL}{owner}" for owner in track.barred}
+        if track.promised:
+            slot = track.promised[0]
+            for name in self._grants.blockers(slot.cell, track.name, slot.commit):
+                blockers.add(name if name in robots else f"{EXTERNAL}{name}")
+        return Plan(
+            scene=self._scene,
+            robot=track.name,
+            at_ms=now_ms,
+            ready=track.placed and track.trouble is None and not track.lost,
+            target=None if goal is None else goal.point,
+            untravelled=track.untravelled(),
+            spaces=tuple(spaces),
+            blocked_by=tuple(RobotName(name) for name in sorted(blockers)),
+            commit=track.commit,
+            moving=not track.driven,
+        )
+
+    def _space(self, cell: int) -> Space:
+        if self._grants.is_shape(cell):  # made for one robot and one moment
+            ring = self._grants.ring(cell)
+            return Space(points=tuple((round(x, 3), round(y, 3)) for x, y in ring))
+        space = self._spaces.get(cell)
+        if space is None:
+            space = self._spaces[cell] = Space(points=self._roadmap.ring(cell))
+        return space
