@@ -30,13 +30,19 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True):
     position: int = 0  # of the newest event that the decision rests on or states
 
 
-def scene_of(fleet: Fleet, scene: SceneId) -> Scene:
-    """Find the scene of a command; refuse a blank, unknown or disabled one."""
+def known_scene(fleet: Fleet, scene: SceneId) -> Scene:
+    """Find a scene, in service or not; refuse a blank, unknown or removed one."""
     found = fleet.scenes.get(scene)
-    if found is None:
+    if found is None or found.removed:
         if not scene.strip():
             raise Rejected(Reason.SCENE_BLANK, "Field 'sceneId' must not be blank.")
         raise Rejected(Reason.SCENE_UNKNOWN, f"There is no scene with id '{scene}'.", scene)
+    return found
+
+
+def scene_of(fleet: Fleet, scene: SceneId) -> Scene:
+    """Find the scene of a command about its work; refuse what `known_scene` does, and disabled."""
+    found = known_scene(fleet, scene)
     if found.disabled:
         raise Rejected(Reason.SCENE_DISABLED, f"The scene with id '{scene}' is disabled.", scene)
     return found

@@ -4,6 +4,7 @@ import re
 from datetime import UTC, datetime
 from functools import lru_cache
 
+from commands.command import scene_of
 from commands.rejected import Reason, Rejected
 from ledger.ids import OrderId
 from ledger.state import Fleet, Order, OrderKind
@@ -51,6 +52,13 @@ def live_order(fleet: Fleet, order: OrderId) -> Order:
         message = f"Order '{order}' is done or cancelled and changes no more."
         raise Rejected(Reason.ORDER_TERMINAL, message, order)
     raise unknown_order(order)
+
+
+def order_in_service(fleet: Fleet, order: OrderId) -> Order:
+    """Find an order to go on with or to change: a live one, of a scene that is in service."""
+    found = live_order(fleet, order)
+    scene_of(fleet, found.scene)
+    return found
 
 
 def unknown_order(order: OrderId) -> Rejected:

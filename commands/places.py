@@ -40,15 +40,20 @@ def places_of(scene: Scene) -> Places:
     entry = _remembered.get(id(scene.areas))
     if entry is not None and entry[0] is scene.areas:
         return entry[1]
-    areas = [area for area in scene.areas if not area.disabled]
-    places = Places(
-        points=frozenset(point.name for area in areas for point in area.points),
-        bins={b.name: frozenset(t.name for t in b.tasks) for area in areas for b in area.bins},
-    )
+    places = places_in(scene.areas)
     while len(_remembered) >= SCENES_REMEMBERED_MAX:
         _remembered.pop(next(iter(_remembered)), None)
     _remembered[id(scene.areas)] = (scene.areas, places)
     return places
+
+
+def places_in(areas: Areas) -> Places:
+    """Index a map that is no scene's yet."""
+    enabled = [area for area in areas if not area.disabled]
+    return Places(
+        points=frozenset(point.name for area in enabled for point in area.points),
+        bins={b.name: frozenset(t.name for t in b.tasks) for area in enabled for b in area.bins},
+    )
 
 
 def check_location(places: Places, location: str, field: str) -> None:

@@ -1,22 +1,28 @@
-"""Scenes: taken from files, updated by changed files, configured."""
+"""Scenes from files: taken in as new ones, or as updates of those that are there.
+
+`commands.scene_life` has what else becomes of a scene, `commands.scene_config` its settings.
+"""
 
 import hashlib
 
-import msgspec
-
 from commands import robots
-from commands.command import Command, Decision, scene_of
+from commands.command import Command, Decision, Events
+from commands.places import Places, check_location, check_task, places_in
 from commands.rejected import Reason, Rejected
-from ledger.events import SceneConfigured, SceneImported, SceneMapReplaced
+from commands.scene_config import check_settings
+from ledger.canonical import canonical_json
+from ledger.events import OrderCancelled, SceneConfigured, SceneImported, SceneMapReplaced
 from ledger.ids import SceneId
 from ledger.scene import Scene, SceneFile
-from ledger.scene_config import ChargingLevels, SceneConfig
-from ledger.state import Fleet
+from ledger.scene_config import SceneConfig
+from ledger.state import Fleet, Order, OrderKind, StepStatus
+
+EMPTY = ""  # digest of a scene that no file has filled yet
 
 
 def scene_digest(file: SceneFile) -> str:
     """Digest of the content: how the file is indented, or orders its keys, does not matter."""
-    return hashlib.sha256(msgspec.json.encode(file, order="deterministic")).hexdigest()
+    return hashlib.sha256(canonical_json(file)).hexdigest()
 
 
 class ImportScene(Command, frozen=True, kw_only=True):
@@ -31,14 +37,17 @@ def import_scene(fleet: Fleet, command: ImportScene) -> Decision:
     """The same content is the same scene, so a server may be started again with the same file.
 
     An update replaces the map and adds the robots that are new; settings and the robots that the
-    ledger knows stay as they are, for they may have been changed by command since.
+    ledger knows stay as they are, for they may have been changed by command since. Only a scene
+    that was created empty and not configured takes the file's settings too. A removed scene is
+    none: its file makes a new one.
     """
     file = command.file
-    for scene in fleet.scenes.values():
+    present = [scene for scene in fleet.scenes.values() if not scene.removed]
+    for scene in present:
         if scene.digest == command.digest:
             return Decision(made=scene.id)
-    _check_levels(file.config)
-    for scene in fleet.scenes.values():
+    check_settings(file.config, file.groups)
+    for scene in present:
         if scene.name == file.name:
             return _update(fleet, scene, command)
     imported = SceneImported(
@@ -49,6 +58,8 @@ def import_scene(fleet: Fleet, command: ImportScene) -> Decision:
         groups=file.groups,
         container_types=file.container_types,
         config=file.config,
+        doors=file.doors,
+        lifts=file.lifts,
     )
     joined = robots.added(fleet, command.scene, file.groups, file.robots)
     return Decision(events=(imported, *joined), made=command.scene)
@@ -58,6 +69,7 @@ def _update(fleet: Fleet, scene: Scene, command: ImportScene) -> Decision:
     file = command.file
     present = {r.name: r for r in fleet.robots.values() if r.scene == scene.id}
     groups = {group.id for group in file.groups}
+    ended = _with_the_map(fleet, scene, places_in(file.areas))
     for robot in present.values():
         if robot.config.group not in groups:
             message = (
@@ -71,46 +83,43 @@ def _update(fleet: Fleet, scene: Scene, command: ImportScene) -> Decision:
         areas=file.areas,
         groups=file.groups,
         container_types=file.container_types,
+        doors=file.doors,
+        lifts=file.lifts,
     )
     new = tuple(config for config in file.robots if config.name not in present)
     joined = robots.added(fleet, scene.id, file.groups, new)
-    return Decision(events=(replaced, *joined), made=scene.id)
+    configured: Events = ()
+    if scene.digest == EMPTY and scene.config == SceneConfig() != file.config:
+        configured = (SceneConfigured(scene=scene.id, config=file.config),)
+    return Decision(events=(*ended, replaced, *configured, *joined), made=scene.id)
 
 
-class ConfigureScene(Command, frozen=True, kw_only=True):
-    """Change the settings of a scene."""
+def _with_the_map(fleet: Fleet, scene: Scene, places: Places) -> Events:
+    """Refuse a map that lacks where live orders are still to go; end the system's own ones.
 
-    scene: SceneId
-    config: SceneConfig  # all of them
-
-
-def configure(fleet: Fleet, command: ConfigureScene) -> Decision:
-    """Refuse charging levels that contradict each other or are for groups that do not exist."""
-    scene = scene_of(fleet, command.scene)
-    _check_levels(command.config)
-    groups = {group.id for group in scene.groups}
-    for group in command.config.charging.by_group:
-        if group not in groups:
-            message = f"Field 'chargingConfig.groupedConfigs': there is no robot group {group}."
-            raise Rejected(Reason.GROUP_UNKNOWN, message, group)
-    if command.config == scene.config:
-        return Decision()
-    return Decision(events=(SceneConfigured(scene=scene.id, config=command.config),))
-
-
-def _check_levels(config: SceneConfig) -> None:
-    charging = config.charging
-    named = {"chargingConfig.defaultConfig": charging.default}
-    named |= {f"chargingConfig.groupedConfigs.{g}": c for g, c in charging.by_group.items()}
-    for field, levels in named.items():
-        if not _ordered(levels):
+    Those would not be missed: dispatch makes new ones where they are needed.
+    """
+    ended = []
+    for order in fleet.orders.values():
+        if order.scene != scene.id:
+            continue
+        try:
+            _check_places(order, places)
+        except Rejected as lacking:
+            if order.kind is not OrderKind.BUSINESS:
+                ended.append(OrderCancelled(scene=scene.id, order=order.id))
+                continue
             message = (
-                f"Field '{field}': 0 <= chargeOnly <= chargeNeed <= chargeOk <= chargeFull <= 1 "
-                "must hold."
+                f"Order '{order.id}' cannot go on with this map: {lacking.message} "
+                "Finish or cancel the order first, or keep the place."
             )
-            raise Rejected(Reason.SCENE_CONFIG_INVALID, message, field)
+            raise Rejected(Reason.LOCATION_IN_USE, message, order.id, *lacking.arguments) from None
+    return tuple(ended)
 
 
-def _ordered(levels: ChargingLevels) -> bool:
-    only, need = levels.charge_only, levels.charge_need
-    return 0 <= only <= need <= levels.charge_ok <= levels.charge_full <= 1
+def _check_places(order: Order, places: Places) -> None:
+    for index, step in enumerate(order.steps):
+        if step.status is not StepStatus.DONE:
+            check_task(places, step.task, f"steps[{index}]")
+    for index, location in enumerate(() if order.steps else order.key_locations):
+        check_location(places, location, f"keyLocations[{index}]")

@@ -6,7 +6,7 @@ What a robot has begun stays as it is: only Executable steps can be changed or d
 import msgspec
 
 from commands.command import Command, Decision, Events, at_most
-from commands.ids import live_order
+from commands.ids import order_in_service
 from commands.orders import STEPS_MAX, own_container
 from commands.places import check_task, places_of
 from commands.rejected import Reason, Rejected
@@ -25,7 +25,7 @@ class AddSteps(Command, frozen=True, kw_only=True):
 
 def add(fleet: Fleet, command: AddSteps) -> Decision:
     """Append only: a robot may already be driving to the steps it knows."""
-    order = live_order(fleet, command.order)
+    order = order_in_service(fleet, command.order)
     if order.sealed:
         message = f"Order '{order.id}' is sealed and takes no more steps."
         raise Rejected(Reason.ORDER_SEALED, message, order.id)
@@ -60,7 +60,7 @@ class ChangeSteps(Command, frozen=True, kw_only=True):
 
 def change(fleet: Fleet, command: ChangeSteps) -> Decision:
     """The rules of a step hold for what comes out, not for what was sent."""
-    order = live_order(fleet, command.order)
+    order = order_in_service(fleet, command.order)
     _check_some(len(command.patches))
     at_most(len(command.patches), STEPS_MAX, "steps")
     places = places_of(fleet.scenes[order.scene])
@@ -115,7 +115,7 @@ class DeleteSteps(Command, frozen=True, kw_only=True):
 
 def delete(fleet: Fleet, command: DeleteSteps) -> Decision:
     """A sealed order keeps at least one step; if all it keeps are done, it is finished."""
-    order = live_order(fleet, command.order)
+    order = order_in_service(fleet, command.order)
     at_most(len(command.steps), STEPS_MAX, "stepIds")
     gone = tuple(dict.fromkeys(command.steps))
     if not gone:

@@ -4,6 +4,7 @@ from enum import StrEnum
 
 import msgspec
 
+from ledger.canonical import canonical_json
 from ledger.ids import CommandId, OrderId, RobotKey, RobotName, SceneId, StepId, UnitId
 from ledger.link import Instruction
 from ledger.scene import XY, RobotConfig, Scene, Value
@@ -245,4 +246,4 @@ class Fleet(msgspec.Struct, kw_only=True):
 
     def canonical(self) -> bytes:
         """Canonical JSON: equal states give equal bytes."""
-        return msgspec.json.encode(self, order="deterministic")
+        return canonical_json(self)

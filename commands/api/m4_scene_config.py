@@ -1,11 +1,26 @@
-"""Wire model of the scene settings (spec/m4.md, SceneConfig), and both translations."""
+"""Wire model of the scene settings (spec/m4.md, SceneConfig), and both translations.
+
+Unknown fields are refused here, unlike elsewhere: a setting that is not heard must not seem to be.
+"""
 
 from typing import Annotated, Any, TypeVar
 
 import msgspec
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
-from commands.api.m4_models import Int, Remark, Text, Wire
+from commands.api.m4_models import Int, Text, Wire
+from commands.scene_settings import (
+    CHARGING,
+    COST_S_MAX,
+    DISTANCE_M_MAX,
+    LONG_MAX,
+    SELECTION_CHARS_MAX,
+    SETTINGS,
+    SORT_FIELDS_MAX,
+    Setting,
+    in_force,
+    only_value,
+)
 from ledger.scene_config import (
     ChargingConfig,
     ChargingLevels,
@@ -15,31 +30,57 @@ from ledger.scene_config import (
     TrafficMethod,
 )
 
-LONG_MAX = 10**12  # of intervals and waits: more than thirty years of milliseconds
 GROUPS_MAX = 1_000
+NOT_OF_THE_CATALOGUE = "parkIdleTime"  # told under the schema's newConfig only
 
 Ratio = Annotated[float, Field(ge=0, le=1)]
-Metres = Annotated[float, Field(ge=0, le=10_000)]
-Natural = Annotated[int, Field(ge=0, le=LONG_MAX)]
-Weight = Annotated[float, Field(ge=1, le=1_000)]
+Metres = Annotated[float, Field(ge=0, le=DISTANCE_M_MAX)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Seconds = Annotated[int, Field(ge=0, le=LONG_MAX)]
+Selection = Annotated[str, Field(max_length=SELECTION_CHARS_MAX)]
+SortFields = Annotated[list[Text], Field(max_length=SORT_FIELDS_MAX)]
+
+_LEVELS = {setting.name: setting.field for setting in CHARGING}
+_SETTINGS = {setting.name: setting.field for setting in SETTINGS}
+_STRUCTURED = {"dispatchSort"}  # a list on the wire
+_KNOWN = {setting.name: setting for setting in (*SETTINGS, *CHARGING)}
 
 
-class BasicChargingConfig(Wire):
+def _says(name: str) -> Any:
+    """Describe an optional field by what its setting does, or why it cannot be changed."""
+    setting = _KNOWN[name]
+    return Field(None, description=_words(setting))
+
+
+def _words(setting: Setting) -> str:
+    unit = f" ({setting.unit})" if setting.unit else ""
+    if setting.fixed:
+        return f"Not supported but for {only_value(setting)}{unit}: {setting.fixed}."
+    return f"{setting.effect}{unit}"
+
+
+class Settings(Wire):
+    """Base: what is not known is refused."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class BasicChargingConfig(Settings):
     """When a robot charges; chargeOnly <= chargeNeed <= chargeOk <= chargeFull."""
 
-    chargeOnly: Ratio | None = Field(None, description="Below: only charges, up to chargeOk.")
-    chargeNeed: Ratio | None = Field(None, description="Below: charges when idle.")
-    chargeOk: Ratio | None = Field(None, description="A forced charge ends here at the earliest.")
-    chargeFull: Ratio | None = Field(None, description="Above: leaves the charger.")
-    minChargingTime: Int | None = Field(None, ge=0, description="Shortest charge, s.")
-    idleTime: Int | None = Field(None, ge=0, description="Idle before it charges, s.")
+    chargeOnly: Ratio | None = _says("chargeOnly")
+    chargeNeed: Ratio | None = _says("chargeNeed")
+    chargeOk: Ratio | None = _says("chargeOk")
+    chargeFull: Ratio | None = _says("chargeFull")
+    minChargingTime: Annotated[Int, Field(ge=0)] | None = _says("minChargingTime")
+    idleTime: Annotated[Int, Field(ge=0)] | None = _says("idleTime")
 
     def levels(self, before: ChargingLevels) -> ChargingLevels:
         """Translate; what is absent stays."""
         return _patched(before, self, _LEVELS)
 
 
-class SceneChargingConfig(Wire):
+class SceneChargingConfig(Settings):
     """Charging levels, by robot group where they differ."""
 
     defaultConfig: BasicChargingConfig | None = Field(None, description="For all other groups.")
@@ -61,139 +102,83 @@ class SceneChargingConfig(Wire):
         return ChargingConfig(default=default, by_group=by_group)
 
 
-class SceneConfigPatch(Wire):
+class SceneConfigPatch(Settings):
     """Settings of a scene. In a change, what is absent or null stays as it is."""
 
-    robotStateFetchDelay: Annotated[int, Field(ge=10, le=60_000)] | None = Field(
-        None, description="Interval of fetching robot states, ms."
+    robotStateFetchDelay: Annotated[int, Field(ge=10, le=60_000)] | None = _says(
+        "robotStateFetchDelay"
     )
-    robotStateFailureNumToAutoConnect: Int | None = Field(
-        None, ge=1, description="Failed reads in a row before connecting anew."
+    robotStateFailureNumToAutoConnect: Annotated[Int, Field(ge=1)] | None = _says(
+        "robotStateFailureNumToAutoConnect"
     )
-    robotStateErrorToAutoReconnectMax: Int | None = Field(
-        None, ge=0, description="Automatic reconnections in a row before giving up."
+    robotStateErrorToAutoReconnectMax: Annotated[Int, Field(ge=0)] | None = _says(
+        "robotStateErrorToAutoReconnectMax"
     )
-    noOpLog: bool | None = Field(None, description="No run log.")
-    opLogKeepDays: Annotated[int, Field(ge=0, le=36_500)] | None = Field(
-        None, description="Days to keep the run log."
+    noOpLog: bool | None = _says("noOpLog")
+    opLogKeepDays: Int | None = _says("opLogKeepDays")
+    noRbkMsgLog: bool | None = _says("noRbkMsgLog")
+    dispatchMethod: DispatchMethod | None = _says("dispatchMethod")
+    withdrawnMinCost: Annotated[float, Field(ge=0, le=COST_S_MAX)] | None = _says(
+        "withdrawnMinCost"
     )
-    noRbkMsgLog: bool | None = Field(None, description="Do not log messages of robots.")
-    dispatchMethod: DispatchMethod | None = Field(None, description="Assignment strategy.")
-    withdrawnMinCost: Annotated[float, Field(ge=0, le=1e9)] | None = Field(
-        None, description="Difference in cost that is worth re-assigning an order, s."
+    robotPlanPausedOnSelfReportErrorOrFatal: bool | None = _says(
+        "robotPlanPausedOnSelfReportErrorOrFatal"
     )
-    robotPlanPausedOnSelfReportErrorOrFatal: bool | None = Field(
-        None, description="A robot that reports an Error or Fatal gets no orders."
+    notCancelRobot: bool | None = _says("notCancelRobot")
+    parkingCollisionCheckMode: CollisionCheckMode | None = _says("parkingCollisionCheckMode")
+    parkingPaused: bool | None = _says("parkingPaused")
+    noReallocation: bool | None = _says("noReallocation")
+    dispatchSort: SortFields | None = _says("dispatchSort")
+    dispatchAcceptableTimeout: Seconds | None = _says("dispatchAcceptableTimeout")
+    chargingPaused: bool | None = _says("chargingPaused")
+    chargingConfig: SceneChargingConfig | None = Field(None, description="When robots charge.")
+    cpnEnabled: bool | None = _says("cpnEnabled")
+    cpnDispatchPeriod: int | None = _says("cpnDispatchPeriod")
+    trafficPlanPaused: bool | None = _says("trafficPlanPaused")
+    trafficPlanPausedOnFailedPlan: bool | None = _says("trafficPlanPausedOnFailedPlan")
+    closePointDistance: Metres | None = _says("closePointDistance")
+    closePathDistance: Metres | None = _says("closePathDistance")
+    trafficPlanIntervalMs: Annotated[int, Field(ge=1, le=3_600_000)] | None = _says(
+        "trafficPlanIntervalMs"
     )
-    notCancelRobot: bool | None = Field(
-        None, description="Do not tell the robot when an executing step is cancelled."
-    )
-    parkingCollisionCheckMode: CollisionCheckMode | None = Field(
-        None, description="Collision check for parking and charging."
-    )
-    parkingPaused: bool | None = Field(None, description="No parking orders.")
-    noReallocation: bool | None = Field(None, description="Orders are not re-assigned.")
-    dispatchSort: Annotated[list[Text], Field(max_length=50)] | None = Field(
-        None, description="Sorting of assignment."
-    )
-    dispatchAcceptableTimeout: Natural | None = Field(
-        None, description="An order that waited longer goes first, s."
-    )
-    chargingPaused: bool | None = Field(None, description="No charging orders.")
-    chargingConfig: SceneChargingConfig | None = Field(None, description="Charging levels.")
-    cpnEnabled: bool | None = Field(None, description="Optical communication is on.")
-    cpnDispatchPeriod: Natural | None = Field(None, description="Its dispatch period.")
-    trafficPlanPaused: bool | None = Field(None, description="No new moves are planned.")
-    trafficPlanPausedOnFailedPlan: bool | None = Field(
-        None, description="A failed plan pauses planning."
-    )
-    closePointDistance: Metres | None = Field(
-        None, description="How far from a point a robot still counts as on it, m."
-    )
-    closePathDistance: Metres | None = Field(
-        None, description="How far from a path a robot still counts as on it, m."
-    )
-    trafficPlanIntervalMs: Annotated[int, Field(ge=1, le=3_600_000)] | None = Field(
-        None, description="Interval of re-planning of TP1, ms."
-    )
-    trafficDevConfigStr: Remark | None = Field(None, description="Advanced traffic settings.")
-    cbsHighW: Weight | None = Field(None, description="TP2: weight of the high level search.")
-    cbsLowW: Weight | None = Field(None, description="TP2: weight of the low level search.")
-    linkMinDistance: Metres | None = Field(
-        None, description="TP1: smallest distance of pushing a deadlock ring, m."
-    )
-    linkMaxDistance: Metres | None = Field(
-        None, description="TP1: largest distance of pushing a deadlock ring, m."
-    )
-    reverseDeadlock: bool | None = Field(None, description="TP1: reverse out of deadlocks.")
-    enablePrevent: bool | None = Field(None, description="TP1: deadlock prevention is on.")
-    preRotate: bool | None = Field(None, description="TP1: ask for the turning circle ahead.")
-    trafficMethod: TrafficMethod | None = Field(
-        None, description="Planner: Distributed = TP1, Venus = TP2."
-    )
-    selectConfig: Remark | None = Field(None, description="Settings of selecting elements.")
+    trafficDevConfigStr: str | None = _says("trafficDevConfigStr")
+    cbsHighW: Number | None = _says("cbsHighW")
+    cbsLowW: Number | None = _says("cbsLowW")
+    linkMinDistance: Number | None = _says("linkMinDistance")
+    linkMaxDistance: Number | None = _says("linkMaxDistance")
+    reverseDeadlock: bool | None = _says("reverseDeadlock")
+    enablePrevent: bool | None = _says("enablePrevent")
+    preRotate: bool | None = _says("preRotate")
+    trafficMethod: TrafficMethod | None = _says("trafficMethod")
+    selectConfig: Selection | None = _says("selectConfig")
+    parkIdleTime: Annotated[Int, Field(ge=0)] | None = _says("parkIdleTime")
 
     def config(self, before: SceneConfig) -> SceneConfig:
         """Translate; what is absent stays."""
-        after = _patched(before, self, _SETTINGS)
+        before = in_force(before)
+        flat = {name: field for name, field in _SETTINGS.items() if name not in _STRUCTURED}
+        after = _patched(before, self, flat)
         if self.dispatchSort is not None:
-            after = msgspec.structs.replace(after, dispatch_sort=tuple(self.dispatchSort))
+            sort = tuple(name.removeprefix("+") for name in self.dispatchSort)
+            after = msgspec.structs.replace(after, dispatch_sort=sort)
         if self.chargingConfig is not None:
             charging = self.chargingConfig.charging(before.charging)
             after = msgspec.structs.replace(after, charging=charging)
         return after
 
 
-_LEVELS = {
-    "chargeOnly": "charge_only",
-    "chargeNeed": "charge_need",
-    "chargeOk": "charge_ok",
-    "chargeFull": "charge_full",
-    "minChargingTime": "charging_min_s",
-    "idleTime": "idle_s",
-}
-_SETTINGS = {
-    "robotStateFetchDelay": "state_fetch_ms",
-    "robotStateFailureNumToAutoConnect": "state_failures_to_reconnect",
-    "robotStateErrorToAutoReconnectMax": "reconnects_max",
-    "noOpLog": "operation_log_off",
-    "opLogKeepDays": "operation_log_days",
-    "noRbkMsgLog": "robot_message_log_off",
-    "dispatchMethod": "dispatch_method",
-    "withdrawnMinCost": "withdrawn_cost_min",
-    "robotPlanPausedOnSelfReportErrorOrFatal": "pause_on_robot_error",
-    "notCancelRobot": "keep_robot_on_cancel",
-    "parkingCollisionCheckMode": "parking_collision_check",
-    "parkingPaused": "parking_paused",
-    "noReallocation": "reallocation_off",
-    "dispatchAcceptableTimeout": "dispatch_wait_s_max",
-    "chargingPaused": "charging_paused",
-    "cpnEnabled": "optical_on",
-    "cpnDispatchPeriod": "optical_dispatch_period",
-    "trafficPlanPaused": "traffic_paused",
-    "trafficPlanPausedOnFailedPlan": "traffic_pause_on_failed_plan",
-    "closePointDistance": "point_distance_m",
-    "closePathDistance": "path_distance_m",
-    "trafficPlanIntervalMs": "traffic_plan_interval_ms",
-    "trafficDevConfigStr": "traffic_settings",
-    "cbsHighW": "cbs_high_w",
-    "cbsLowW": "cbs_low_w",
-    "linkMinDistance": "push_distance_m_min",
-    "linkMaxDistance": "push_distance_m_max",
-    "reverseDeadlock": "reverse_out_of_deadlock",
-    "enablePrevent": "deadlock_prevention",
-    "preRotate": "turn_ahead",
-    "trafficMethod": "traffic_method",
-    "selectConfig": "selection",
-}
-
-
 def wire(config: SceneConfig) -> dict[str, Any]:
-    """Spell all settings as the specification does."""
+    """Spell the settings of the specification's SceneConfig, as they are obeyed."""
+    said = wire_whole(config)
+    del said[NOT_OF_THE_CATALOGUE]
+    return said
+
+
+def wire_whole(config: SceneConfig) -> dict[str, Any]:
+    """Spell all settings (spec/protocols.md 1.6, newConfig)."""
     by_group = {str(g): _spelt(c, _LEVELS) for g, c in config.charging.by_group.items()}
     return {
-        **_spelt(config, _SETTINGS),
-        "dispatchSort": list(config.dispatch_sort),
+        **_spelt(in_force(config), _SETTINGS),
         "chargingConfig": {
             "defaultConfig": _spelt(config.charging.default, _LEVELS),
             "groupedConfigs": by_group,

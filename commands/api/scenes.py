@@ -1,11 +1,12 @@
-"""Scenes over HTTP: import a scene file, read and change the settings."""
+"""Scenes over HTTP: import a scene file, make, rename, disable, pause and remove, settings."""
 
 import asyncio
+from collections.abc import Callable
+from typing import Any
 
 import msgspec
 from fastapi import APIRouter
 from fastapi.routing import APIRoute
-from pydantic import BaseModel, Field
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -19,24 +20,36 @@ from commands.api.answering import (
     scene_id,
 )
 from commands.api.m4_scene_config import SceneConfigPatch, wire
-from commands.command import scene_of
+from commands.api.m4_scenes import (
+    CreateSceneReq,
+    DisableSceneReq,
+    PauseDispatchReq,
+    RemoveScenesReq,
+    SceneBasicPatch,
+    SceneIdAnswer,
+)
+from commands.command import Decision, known_scene
 from commands.handle import Handler
 from commands.imports.scene_json import read_scene
-from commands.scenes import ConfigureScene, ImportScene, scene_digest
+from commands.scene_config import ConfigureScene
+from commands.scene_life import (
+    CreateScene,
+    DisableScene,
+    PauseDispatch,
+    RemoveScenes,
+    RenameScene,
+)
+from commands.scenes import ImportScene, scene_digest
 from ledger.ids import SceneId
 from ledger.scene import SceneFile
 
+FOLDER = "/api/fleet/scenes"
+OF_SCENE = f"{FOLDER}/{{sceneId}}"
 FILE_BODY = {
     "required": True,
     "description": "A scene file, as `fleetledger scene import` writes it.",
     "content": {"application/json": {"schema": {"type": "object"}}},
 }
-
-
-class ImportAnswer(BaseModel):
-    """The scene that the file is."""
-
-    id: str = Field(description="Scene id; the one it already has if the content is known.")
 
 
 class SceneCalls:
@@ -48,28 +61,21 @@ class SceneCalls:
 
     def join(self, router: APIRouter) -> None:
         """Add the calls to a router."""
+        file = {"requestBody": FILE_BODY}
+        _post(router, f"{FOLDER}/import", self.import_scene, SceneIdAnswer, **file)
+        _post(router, f"{FOLDER}/create", self.create, SceneIdAnswer)
+        _post(router, f"{FOLDER}/remove", self.remove)
+        _post(router, f"{OF_SCENE}/basic/patch", self.rename)
+        _post(router, f"{OF_SCENE}/disable", self.disable)
+        _post(router, f"{OF_SCENE}/dispatch-pause", self.pause_dispatch)
+        _post(router, f"{OF_SCENE}/config", self.configure)
+        _post(router, f"{OF_SCENE}/config/patch", self.configure)
         router.add_api_route(
-            "/api/fleet/scenes/import",
-            self.import_scene,
-            methods=["POST"],
-            response_model=ImportAnswer,
-            openapi_extra={"parameters": [KEY_PARAMETER], "requestBody": FILE_BODY},
-            tags=["scenes"],
-        )
-        path = "/api/fleet/scenes/{sceneId}/config"
-        router.add_api_route(
-            path,
+            f"{OF_SCENE}/config",
             self.config,
             methods=["GET"],
             response_model=SceneConfigPatch,
             openapi_extra={"parameters": [SCENE_PARAMETER]},
-            tags=["scenes"],
-        )
-        router.add_api_route(
-            path,
-            self.configure,
-            methods=["POST"],
-            openapi_extra={"parameters": [KEY_PARAMETER, SCENE_PARAMETER]},
             tags=["scenes"],
         )
 
@@ -86,18 +92,75 @@ class SceneCalls:
             digest=digest,
             file=file,
         )
-        return await self._answering.answer(
-            request, command, lambda decision: msgspec.json.encode({"id": decision.made})
+        return await self._answering.answer(request, command, _id)
+
+    async def create(self, request: Request, body: CreateSceneReq) -> Response:
+        """Make an empty scene; the import of a file with its name fills it."""
+        asked = self._answering.asked(request)
+        command = CreateScene(
+            id=asked.id,
+            by=asked.by,
+            at_ms=asked.at_ms,
+            scene=SceneId(self._answering.handler.new_id()),
+            name=body.name,
         )
+        return await self._answering.answer(request, command, _id)
+
+    async def remove(self, request: Request, body: RemoveScenesReq) -> Response:
+        """Take scenes without live orders away for good, with their robots; all, or none."""
+        asked = self._answering.asked(request)
+        scenes = tuple(map(SceneId, body.ids))
+        command = RemoveScenes(id=asked.id, by=asked.by, at_ms=asked.at_ms, scenes=scenes)
+        return await self._answering.answer(request, command, nothing)
+
+    async def rename(self, request: Request, body: SceneBasicPatch) -> Response:
+        """Give a scene another name or place in lists; what is absent stays as it is."""
+        asked = self._answering.asked(request)
+        command = RenameScene(
+            id=asked.id,
+            by=asked.by,
+            at_ms=asked.at_ms,
+            scene=scene_id(request),
+            name=body.name,
+            display_order=body.displayOrder,
+        )
+        return await self._answering.answer(request, command, nothing)
+
+    async def disable(self, request: Request, body: DisableSceneReq) -> Response:
+        """Take a scene out of service, or put it back; its orders stay as they are."""
+        asked = self._answering.asked(request)
+        command = DisableScene(
+            id=asked.id,
+            by=asked.by,
+            at_ms=asked.at_ms,
+            scene=scene_id(request),
+            disabled=body.disabled,
+        )
+        return await self._answering.answer(request, command, nothing)
+
+    async def pause_dispatch(self, request: Request, body: PauseDispatchReq) -> Response:
+        """Let no order of the scene get a robot, or let them again."""
+        asked = self._answering.asked(request)
+        command = PauseDispatch(
+            id=asked.id,
+            by=asked.by,
+            at_ms=asked.at_ms,
+            scene=scene_id(request),
+            paused=body.paused,
+        )
+        return await self._answering.answer(request, command, nothing)
 
     async def config(self, request: Request) -> Response:
-        """Give all settings of a scene."""
-        scene = scene_of(self._answering.handler.fleet, scene_id(request))
+        """Give the settings of a scene, as they are obeyed."""
+        scene = known_scene(self._answering.handler.fleet, scene_id(request))
         return json_response(wire(scene.config), await self._answering.settled())
 
     async def configure(self, request: Request, body: SceneConfigPatch) -> Response:
-        """Change settings of a scene; what the body leaves out stays as it is."""
-        scene = scene_of(self._answering.handler.fleet, scene_id(request))
+        """Change settings of a scene; what the body leaves out stays as it is.
+
+        A setting that is not supported can only be sent as `GET …/config` gives it.
+        """
+        scene = known_scene(self._answering.handler.fleet, scene_id(request))
         asked = self._answering.asked(request)
         command = ConfigureScene(
             id=asked.id,
@@ -107,6 +170,30 @@ class SceneCalls:
             config=body.config(scene.config),
         )
         return await self._answering.answer(request, command, nothing)
+
+
+def _post(
+    router: APIRouter,
+    path: str,
+    endpoint: Callable[..., Any],
+    model: type[Any] | None = None,
+    **more: Any,
+) -> None:
+    parameters = [KEY_PARAMETER]
+    if "{sceneId}" in path:
+        parameters.append(SCENE_PARAMETER)
+    router.add_api_route(
+        path,
+        endpoint,
+        methods=["POST"],
+        response_model=model,
+        openapi_extra={"parameters": parameters, **more},
+        tags=["scenes"],
+    )
+
+
+def _id(decision: Decision) -> bytes:
+    return msgspec.json.encode({"id": decision.made})
 
 
 def _file(raw: bytes) -> tuple[SceneFile, str]:

@@ -8,6 +8,7 @@ import msgspec
 from commands.imports.checks import BAD_SCENE, check_references, checked, simulated
 from commands.imports.movingai import read_movingai
 from commands.imports.smap import read_smap
+from ledger.canonical import canonical_json
 from ledger.errors import Refused
 from ledger.scene import Group, SceneFile
 
@@ -31,7 +32,7 @@ def read_scene(raw: bytes) -> SceneFile:
 
 def write_scene(scene: SceneFile) -> bytes:
     """Write canonical JSON: equal scenes give equal bytes."""
-    return msgspec.json.encode(scene, order="deterministic")
+    return canonical_json(scene)
 
 
 def digest(scene: SceneFile) -> str:

@@ -2,7 +2,8 @@ import msgspec
 import pytest
 
 from commands.rejected import Reason
-from commands.scenes import ConfigureScene, ImportScene, scene_digest
+from commands.scene_config import ConfigureScene
+from commands.scenes import ImportScene, scene_digest
 from ledger.events import RobotAdded, SceneConfigured, SceneImported, SceneMapReplaced
 from ledger.ids import SceneId
 from ledger.scene import Group, SceneFile
@@ -73,41 +74,3 @@ def test_a_file_with_a_bad_robot_is_not_taken() -> None:
     given().when(take(twice)).rejected(Reason.ROBOT_NAME_TAKEN)
     stray = replace(FILE, groups=(Group(id=9, name="g"),))
     given().when(take(stray)).rejected(Reason.GROUP_UNKNOWN)
-
-
-def configure(config: SceneConfig) -> object:
-    return ask(ConfigureScene, scene=SCENE, config=config)
-
-
-def test_settings_are_replaced_and_only_news_is_stated() -> None:
-    config = SceneConfig(parking_paused=True)
-    event = SceneConfigured(scene=SCENE, config=config)
-    given(*opened(R1)).when(configure(config)).then(event)
-    given(*opened(R1), event).when(configure(config)).nothing()
-
-
-@pytest.mark.parametrize(
-    "levels",
-    [
-        ChargingLevels(charge_only=0.5, charge_need=0.4),
-        ChargingLevels(charge_need=0.9),
-        ChargingLevels(charge_ok=0.99),
-        ChargingLevels(charge_full=1.01),
-        ChargingLevels(charge_only=-0.1),
-        ChargingLevels(charge_only=float("nan")),
-    ],
-)
-def test_charging_levels_must_be_in_order(levels: ChargingLevels) -> None:
-    everywhere = SceneConfig(charging=ChargingConfig(default=levels))
-    given(*opened()).when(configure(everywhere)).rejected(
-        Reason.SCENE_CONFIG_INVALID, "defaultConfig"
-    )
-    one_group = SceneConfig(charging=ChargingConfig(by_group={1: levels}))
-    given(*opened()).when(configure(one_group)).rejected(
-        Reason.SCENE_CONFIG_INVALID, "groupedConfigs.1"
-    )
-
-
-def test_levels_are_for_groups_that_exist() -> None:
-    config = SceneConfig(charging=ChargingConfig(by_group={7: ChargingLevels()}))
-    given(*opened()).when(configure(config)).rejected(Reason.GROUP_UNKNOWN, "7")

@@ -1,0 +1,267 @@
+"""Settings of a scene: which take effect and how, and which have one value only, and why.
+
+The one list of them: wire models, refusals and `docs/settings.md` speak from it.
+"""
+
+import msgspec
+
+from ledger.scene import Value
+from ledger.scene_config import DISPATCH_SORT_FIELDS, SceneConfig
+
+LONG_MAX = 10**12  # of waits: more than thirty years of milliseconds
+INT_MAX = 2**31 - 1
+COST_S_MAX = 1e9
+DISTANCE_M_MAX = 10_000.0
+SORT_FIELDS_MAX = 50
+SELECTION_CHARS_MAX = 2_000
+
+
+class Setting(Value, frozen=True, kw_only=True):
+    """One setting: its names, and what it does or why it does not."""
+
+    name: str  # clients' word (spec/m4.md, SceneConfig)
+    field: str  # ours, as in scene files
+    effect: str = ""
+    fixed: str = ""  # why the default is the only value; empty = it takes effect
+    unit: str = ""
+    bounds: tuple[float, float] | None = None  # both allowed
+
+
+_NO_OPTICS = "there is no optical communication"
+_NO_TP2 = "it belongs to TP2, which is not there"
+_NO_RINGS = "rings of robots do not arise, for moves are granted in the order they are committed"
+
+SETTINGS = (
+    Setting(
+        name="robotStateFetchDelay",
+        field="state_fetch_ms",
+        unit="ms",
+        bounds=(10, 60_000),
+        effect="Robots that are asked for their state are asked so often.",
+    ),
+    Setting(
+        name="robotStateFailureNumToAutoConnect",
+        field="state_failures_to_reconnect",
+        bounds=(1, INT_MAX),
+        effect="After so many states missed in a row the robot is connected anew.",
+    ),
+    Setting(
+        name="robotStateErrorToAutoReconnectMax",
+        field="reconnects_max",
+        bounds=(0, INT_MAX),
+        effect="After so many vain reconnections in a row the robot is given up (`noAc`) until "
+        "`robots/reconnect`.",
+    ),
+    Setting(
+        name="noOpLog",
+        field="operation_log_off",
+        fixed="every operation is an event of the ledger, which is never off",
+    ),
+    Setting(
+        name="opLogKeepDays",
+        field="operation_log_days",
+        unit="days",
+        fixed="the ledger is kept for ever",
+    ),
+    Setting(
+        name="noRbkMsgLog",
+        field="robot_message_log_off",
+        effect="True: what the scene's robots report is not kept in the telemetry log, so replays "
+        "of that time show no robots.",
+    ),
+    Setting(
+        name="dispatchMethod",
+        field="dispatch_method",
+        effect="`KM` matches waiting orders and free robots at once, at the least cost; `Greedy` "
+        "gives each order in turn its best robot.",
+    ),
+    Setting(
+        name="withdrawnMinCost",
+        field="withdrawn_cost_min",
+        unit="s",
+        bounds=(0, COST_S_MAX),
+        effect="An order goes over to another robot only if that saves so much.",
+    ),
+    Setting(
+        name="robotPlanPausedOnSelfReportErrorOrFatal",
+        field="pause_on_robot_error",
+        effect="True: a robot that reports an Error or Fatal gets no orders.",
+    ),
+    Setting(
+        name="notCancelRobot",
+        field="keep_robot_on_cancel",
+        effect="True: what a robot does for an order that is cancelled is not called off; it "
+        "finishes that first.",
+    ),
+    Setting(
+        name="parkingCollisionCheckMode",
+        field="parking_collision_check",
+        fixed="the specification has no other value, and traffic keeps robots apart everywhere",
+    ),
+    Setting(
+        name="parkingPaused",
+        field="parking_paused",
+        effect="True: no parking orders are made.",
+    ),
+    Setting(
+        name="noReallocation",
+        field="reallocation_off",
+        effect="True: an order stays with its robot.",
+    ),
+    Setting(
+        name="dispatchSort",
+        field="dispatch_sort",
+        effect="Waiting orders are taken in this order, `-` in front = descending; of "
+        f"{', '.join(f'`{f}`' for f in DISPATCH_SORT_FIELDS)}. Empty = higher priority, then "
+        "longer wait.",
+    ),
+    Setting(
+        name="dispatchAcceptableTimeout",
+        field="dispatch_wait_s_max",
+        unit="s",
+        bounds=(0, LONG_MAX),
+        effect="Among orders of one priority those that have waited longer go first.",
+    ),
+    Setting(
+        name="chargingPaused",
+        field="charging_paused",
+        effect="True: no charging orders are made.",
+    ),
+    Setting(
+        name="cpnEnabled",
+        field="optical_on",
+        fixed=_NO_OPTICS,
+    ),
+    Setting(
+        name="cpnDispatchPeriod",
+        field="optical_dispatch_period",
+        fixed=_NO_OPTICS,
+    ),
+    Setting(
+        name="trafficPlanPaused",
+        field="traffic_paused",
+        effect="True: no robot gets a new move; each drives to the end of what it was granted.",
+    ),
+    Setting(
+        name="trafficPlanPausedOnFailedPlan",
+        field="traffic_pause_on_failed_plan",
+        fixed="a robot without a plan waits by itself, and the others need not wait for it",
+    ),
+    Setting(
+        name="closePointDistance",
+        field="point_distance_m",
+        unit="m",
+        bounds=(0, DISTANCE_M_MAX),
+        effect="A robot within it of a point counts as standing on the point.",
+    ),
+    Setting(
+        name="closePathDistance",
+        field="path_distance_m",
+        unit="m",
+        bounds=(0, DISTANCE_M_MAX),
+        effect="A robot within it of a path counts as being on the path.",
+    ),
+    Setting(
+        name="trafficPlanIntervalMs",
+        field="traffic_plan_interval_ms",
+        unit="ms",
+        bounds=(1, 3_600_000),
+        effect="Plans are made anew at the latest after it, and at once whenever something has "
+        "changed.",
+    ),
+    Setting(
+        name="trafficDevConfigStr",
+        field="traffic_settings",
+        fixed="traffic has no settings beyond those of this table",
+    ),
+    Setting(name="cbsHighW", field="cbs_high_w", fixed=_NO_TP2),
+    Setting(name="cbsLowW", field="cbs_low_w", fixed=_NO_TP2),
+    Setting(name="linkMinDistance", field="push_distance_m_min", unit="m", fixed=_NO_RINGS),
+    Setting(name="linkMaxDistance", field="push_distance_m_max", unit="m", fixed=_NO_RINGS),
+    Setting(name="reverseDeadlock", field="reverse_out_of_deadlock", fixed=_NO_RINGS),
+    Setting(
+        name="enablePrevent",
+        field="deadlock_prevention",
+        fixed="deadlocks are prevented by how moves are granted, which cannot be left out",
+    ),
+    Setting(
+        name="preRotate",
+        field="turn_ahead",
+        fixed="a robot is always granted the circle that it turns in together with the move",
+    ),
+    Setting(
+        name="trafficMethod",
+        field="traffic_method",
+        fixed="there is one planner",
+    ),
+    Setting(
+        name="selectConfig",
+        field="selection",
+        effect="The client's own text: kept and given back.",
+    ),
+    Setting(
+        name="parkIdleTime",
+        field="parking_idle_s",
+        unit="s",
+        bounds=(0, INT_MAX),
+        effect="A robot that has been idle for so long is sent to park. Answered in the "
+        "schema's `newConfig` only.",
+    ),
+)
+
+CHARGING = (
+    Setting(
+        name="chargeOnly",
+        field="charge_only",
+        unit="0-1",
+        effect="Below it the robot takes no order and charges at once, at least to chargeOk.",
+    ),
+    Setting(
+        name="chargeNeed",
+        field="charge_need",
+        unit="0-1",
+        effect="Below it an idle robot charges; any order calls it away.",
+    ),
+    Setting(
+        name="chargeOk",
+        field="charge_ok",
+        unit="0-1",
+        effect="A charge that began below chargeOnly is not broken off for an order before it.",
+    ),
+    Setting(
+        name="chargeFull",
+        field="charge_full",
+        unit="0-1",
+        effect="Charging ends here, and the robot leaves the charger to park.",
+    ),
+    Setting(
+        name="minChargingTime",
+        field="charging_min_s",
+        unit="s",
+        bounds=(0, INT_MAX),
+        effect="A charge is not broken off for an order before it has lasted so long.",
+    ),
+    Setting(
+        name="idleTime",
+        field="idle_s",
+        unit="s",
+        bounds=(0, INT_MAX),
+        effect="Below chargeNeed a robot charges when it has been idle for so long.",
+    ),
+)
+
+_DEFAULT = SceneConfig()
+FIXED = {s.field: getattr(_DEFAULT, s.field) for s in SETTINGS if s.fixed}
+
+
+def in_force(config: SceneConfig) -> SceneConfig:
+    """Give the settings as they are obeyed, which is how they are told.
+
+    Ledgers of earlier releases hold values that were taken and never obeyed.
+    """
+    return msgspec.structs.replace(config, **FIXED)
+
+
+def only_value(setting: Setting) -> str:
+    """Spell the one value of a setting that has no other, as JSON."""
+    return msgspec.json.encode(FIXED[setting.field]).decode()
