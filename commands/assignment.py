@@ -1,6 +1,6 @@
 """Who carries an order: what the scheduler proposes about it, decided on the newest state."""
 
-from commands.command import Events
+from commands.command import Events, scene_of
 from commands.ids import live_order, next_order_id
 from commands.order_suspension import check_not_suspended
 from commands.places import check_location, places_of
@@ -35,6 +35,7 @@ def assign(fleet: Fleet, proposal: AssignOrder) -> Events:
         raise Rejected(Reason.ORDER_ASSIGNED, message, order.id, order.status.value)
     check_unfaulted(order)
     check_not_suspended(order)
+    _check_dispatching(fleet, proposal.scene)
     robot = _available(fleet, proposal.scene, proposal.robot)
     if robot.off_duty and order.kind is OrderKind.BUSINESS:
         raise _not_available(robot.name, "is off duty")
@@ -114,6 +115,7 @@ def create_system_order(fleet: Fleet, proposal: CreateSystemOrder, at_ms: int) -
     if proposal.kind is OrderKind.BUSINESS:
         message = "Field 'kind' must be Parking, Charging or IdleAvoid."
         raise Rejected(Reason.ORDER_KIND_INVALID, message)
+    _check_dispatching(fleet, proposal.scene)
     robot = _available(fleet, proposal.scene, proposal.robot)
     if robot.orders:
         message = f"Robot '{robot.name}' has order '{robot.orders[0]}'."
@@ -171,6 +173,12 @@ def _available(fleet: Fleet, scene: SceneId, name: RobotName) -> Robot:
     if not robot.online:
         raise _not_available(name, "is offline")
     return robot
+
+
+def _check_dispatching(fleet: Fleet, scene: SceneId) -> None:
+    """The pause may be newer than the proposal."""
+    if scene_of(fleet, scene).dispatch_paused:
+        raise Rejected(Reason.SCENE_DISPATCH_PAUSED, f"Dispatch of scene '{scene}' is paused.")
 
 
 def _not_available(robot: RobotName, why: str) -> Rejected:

@@ -1,7 +1,7 @@
 """How an order gets on: what the scheduler observed of its steps, decided on the newest state."""
 
 from commands.assignment import check_unfaulted, order_in, robot_in
-from commands.command import Events
+from commands.command import Events, scene_of
 from commands.order_suspension import check_not_suspended
 from commands.rejected import Reason, Rejected
 from ledger.events import (
@@ -29,6 +29,7 @@ def start_step(fleet: Fleet, proposal: StartStep) -> Events:
     """Steps are done one after another, in order, by the order's own robot."""
     order = order_in(fleet, proposal.scene, proposal.order)
     check_not_suspended(order)
+    scene_of(fleet, order.scene)  # no robot sets out in a scene that is out of service
     _check_ready(order, proposal.robot, proposal.step)
     status = order.steps[proposal.step].status
     before = order.steps[: proposal.step]

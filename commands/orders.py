@@ -6,12 +6,14 @@ Readings where the specification is silent:
 - A sealed order whose steps are all done is finished, by whatever command brought that about; a
   faulted one only after its retry.
 - Cancelling what is done or cancelled is ignored; every other command refuses it.
+- A scene out of service refuses new orders and changes of orders; cancelling and suspending them
+  still work, for they only wind down.
 """
 
 from typing import TypeVar
 
-from commands.command import Command, Decision, Events, at_most, scene_of
-from commands.ids import live_order, next_order_id, unknown_order, was_made
+from commands.command import Command, Decision, Events, at_most, known_scene, scene_of
+from commands.ids import next_order_id, order_in_service, unknown_order, was_made
 from commands.places import check_location, check_task, places_of
 from commands.rejected import Reason, Rejected
 from ledger.events import (
@@ -138,7 +140,7 @@ def seal(fleet: Fleet, command: SealOrder) -> Decision:
 
 
 def _sealed(fleet: Fleet, id_: OrderId) -> Events:
-    order = live_order(fleet, id_)
+    order = order_in_service(fleet, id_)
     if order.sealed:
         raise Rejected(Reason.ORDER_SEALED, f"Order '{order.id}' is sealed already.", order.id)
     if not order.steps:
@@ -182,7 +184,7 @@ class CancelOrder(Command, frozen=True, kw_only=True):
 
 def cancel(fleet: Fleet, command: CancelOrder) -> Decision:
     """A finished order is left alone, silently; of which scene it was is not known any more."""
-    scene = scene_of(fleet, command.scene)
+    scene = known_scene(fleet, command.scene)
     order = fleet.orders.get(command.order)
     if order is None:
         if was_made(fleet, command.order):
@@ -221,7 +223,7 @@ class CancelAllOrders(Command, frozen=True, kw_only=True):
 
 def cancel_all(fleet: Fleet, command: CancelAllOrders) -> Decision:
     """An empty scene is no error."""
-    scene = scene_of(fleet, command.scene)
+    scene = known_scene(fleet, command.scene)
     of_scene = [order for order in fleet.orders.values() if order.scene == scene.id]
     return Decision(
         events=tuple(OrderCancelled(scene=scene.id, order=order.id) for order in of_scene)
@@ -238,7 +240,7 @@ class PrioritiseOrders(Command, frozen=True, kw_only=True):
 def prioritise(fleet: Fleet, command: PrioritiseOrders) -> Decision:
     """The call answers nothing per order, so one that cannot be set refuses them all."""
     _check_priority(command.priority)
-    orders = [live_order(fleet, id_) for id_ in _distinct(command.orders, "orderIds")]
+    orders = [order_in_service(fleet, id_) for id_ in _distinct(command.orders, "orderIds")]
     return Decision(
         events=tuple(
             OrderPrioritised(scene=order.scene, order=order.id, priority=command.priority)
@@ -260,7 +262,7 @@ def retry(fleet: Fleet, command: RetryOrders) -> Decision:
     refused: dict[str, Rejected] = {}
     for id_ in _distinct(command.orders, "orderIds"):
         try:
-            order = live_order(fleet, id_)
+            order = order_in_service(fleet, id_)
             if order.fault_reason is None:
                 message = f"Order '{id_}' has no fault."
                 raise Rejected(Reason.ORDER_NOT_FAULTED, message, id_)
