@@ -3,7 +3,9 @@
 from typing import TypeAlias, assert_never
 
 from commands import (
+    access,
     assignment,
+    callbacks,
     devices,
     execution,
     instructions,
@@ -18,6 +20,8 @@ from commands import (
     scenes,
     steps,
 )
+from commands.access import RecordAccess
+from commands.callbacks import ConfigureCallbacks, GiveUpCallback
 from commands.command import Decision, Events
 from commands.devices import CloseDoors, KeepDoorsOpen, KeepLiftOpen, LetLiftGo, OpenDoors
 from commands.instructions import (
@@ -111,8 +115,10 @@ SceneCommand: TypeAlias = (
     | PauseDispatch
     | RemoveScenes
     | ConfigureScene
+    | ConfigureCallbacks
+    | GiveUpCallback
 )
-AnyCommand: TypeAlias = OrderCommand | RobotCommand | DeviceCommand | SceneCommand
+AnyCommand: TypeAlias = OrderCommand | RobotCommand | DeviceCommand | SceneCommand | RecordAccess
 
 
 def decide(fleet: Fleet, command: AnyCommand) -> Decision:
@@ -123,6 +129,8 @@ def decide(fleet: Fleet, command: AnyCommand) -> Decision:
         return _of_robot(fleet, command)
     if isinstance(command, DeviceCommand):
         return _of_device(fleet, command)
+    if isinstance(command, RecordAccess):
+        return access.record(fleet, command)
     return _of_scene(fleet, command)
 
 
@@ -224,6 +232,10 @@ def _of_scene(fleet: Fleet, command: SceneCommand) -> Decision:
             return scene_life.remove(fleet, command)
         case ConfigureScene():
             return scene_config.configure(fleet, command)
+        case ConfigureCallbacks():
+            return callbacks.configure(fleet, command)
+        case GiveUpCallback():
+            return callbacks.give_up(fleet, command)
         case _:
             assert_never(command)
 

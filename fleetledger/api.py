@@ -3,7 +3,6 @@
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
-import msgspec
 from fastapi import APIRouter
 from fastapi_offline import FastAPIOffline
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
@@ -11,9 +10,10 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp
 
-from fleetledger.access import Keys
+from fleetledger.access.callers import Callers
+from fleetledger.access.roles import Policy
 from fleetledger.http import FastLane, ThinRoute, install_errors
-from fleetledger.middleware import Gate
+from fleetledger.middleware import Gate, Refusing
 from fleetledger.openapi import completed, operation_id
 
 TITLE = "Fleetledger"
@@ -28,11 +28,12 @@ position is readable. Commands take an `Idempotency-Key`; queries take `asOf`, a
 def build(
     routers: Sequence[APIRouter],
     *,
-    keys: Keys | None,
+    callers: Callers,
+    refused: Refusing,
     position: Callable[[], int],
     wait: Callable[[int], Awaitable[bool]],
 ) -> ASGIApp:
-    """Put the dialects' routes together; `keys` is None where the API is open (loopback only).
+    """Put the dialects' routes together; `callers` tells who calls, `refused` hears of refusals.
 
     Gate and fast lane stand before FastAPI, whose own middleware would cost every call.
     """
@@ -45,6 +46,7 @@ def build(
     )
     install_errors(app)
     routers = (_own(), *routers)
+    policy = Policy([*app.routes, *(route for router in routers for route in router.routes)])
     for router in routers:
         app.include_router(router)
     plain = app.openapi
@@ -55,17 +57,18 @@ def build(
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign] # FastAPI's documented way
-    return Gate(FastLane(app, routers), keys=keys, position=position, wait=wait)
+    return Gate(
+        FastLane(app, routers),
+        callers=callers,
+        policy=policy,
+        refused=refused,
+        position=position,
+        wait=wait,
+    )
 
 
 def _own() -> APIRouter:
     router = APIRouter(route_class=ThinRoute, tags=["server"])
-
-    @router.get("/api/ping")
-    async def ping(request: Request) -> Response:
-        """Answer once the server is ready; `id` is the caller's, empty without a key."""
-        body = {"id": request.state.user}
-        return Response(msgspec.json.encode(body), media_type="application/json")
 
     @router.get("/metrics", response_class=Response)
     async def metrics(request: Request) -> Response:

@@ -20,12 +20,16 @@ import commands.api.scenes
 import projections.api.m4
 import projections.api.rdscore
 import replay.api
+from commands.api.m4_scene_config import wire
 from commands.handle import Handler
 from commands.imports.scene_json import read_scene
 from commands.scenes import ImportScene, scene_digest
-from fleetledger.access import Keys
+from fleetledger.access import api as access_api
+from fleetledger.access.file import FIRST_APP
+from fleetledger.access.service import Access
 from fleetledger.api import build
-from fleetledger.clock import Clock, keep_time, kept_time_ms
+from fleetledger.callbacks import Callbacks
+from fleetledger.clock import Clock, keep_time, kept_time_ms, wall_ms
 from fleetledger.collector import collect_when_idle, tame
 from fleetledger.config import Auth, Settings
 from fleetledger.durability import Durability
@@ -46,6 +50,7 @@ from ledger.store import FileLedger
 from ledger.telemetry import CHUNK_MS, TelemetryLog
 from ledger.telemetry_read import plans_at, reports_at
 from ledger.zenoh_bus import ZenohBus
+from projections.api.m4_scene_query import Beside, SceneQueries
 from projections.find import Find
 from projections.history import History
 from projections.live import Live
@@ -93,6 +98,7 @@ class Core:
         self.handler = Handler(fleet, self.ledger, self.clock.now_ms, new_id)
         self.live = Live(fleet.copy())
         self.history = History(settings.data / "history.duckdb", self.live)
+        self.callbacks = Callbacks(settings.data, self.handler, self.ledger, self.secrets)
         self.reader = Reader(self.history.cursor, self.history.damaged)
         self.durability = Durability(loop, self.ledger.durable, self._apply)
         self.ledger.listen(self.durability.heard)
@@ -144,6 +150,7 @@ class Core:
         """Write what is queued, keep a snapshot for a quick start, and let the folder go."""
         if self._snapshot is not None:
             await self._snapshot
+        await asyncio.to_thread(self.callbacks.close)
         await asyncio.to_thread(self.ledger.close)
         self.reader.close()
         self.history.close()
@@ -170,9 +177,11 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         stack.push_async_callback(core.close)
         fleet_at = partial(_fleet_at, settings, core.ledger)
         await asyncio.to_thread(core.history.start, core.ledger.read, fleet_at)
+        newest = core.live.fleet
+        await asyncio.to_thread(core.callbacks.start, core.ledger.read, fleet_at, newest)
         for path in settings.scene:
             await core.import_scene(path)
-        keys = _keys(settings)
+        access = await _access(stack, core, settings)
         telemetry = TelemetryLog(
             settings.telemetry, chunk_ms=int(CHUNK_MS * max(1.0, settings.speed))
         )
@@ -185,7 +194,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         stack.callback(intake.stop)
         FeedServer(bus, core.ledger, core.visible_fleet)
         bus.respond(PROPOSE_KEY, responder(core.handler, core.ledger))
-        app = _api(core, settings, keys)
+        app = _api(core, settings, access)
         port = await stack.enter_async_context(_served(app, settings.host, settings.port))
         await _serve_rdscore(stack, core, settings)
         for child in _children(settings, core.clock, endpoint):
@@ -197,6 +206,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         stack.callback(idle.cancel)
         keeping = asyncio.create_task(keep_time(settings.data, core.clock))
         stack.callback(keeping.cancel)
+        stack.callback(core.callbacks.ask_to_stop)
         ready(settings.host, port)
         await stop.wait()
         log.info("stopping", position=core.live.position)
@@ -209,23 +219,43 @@ def _fleet_at(settings: Settings, ledger: FileLedger, position: int) -> Fleet:
     return restore(settings.ledger, settings.snapshots, position=position, read=ledger.read)
 
 
-def _keys(settings: Settings) -> Keys | None:
-    if settings.auth is Auth.NONE:
-        return None
-    keys, new_key = Keys.open(settings.data)
-    if new_key is not None:
+async def _access(stack: AsyncExitStack, core: Core, settings: Settings) -> Access:
+    """Open access, look after it while serving, and make a key where nobody may call yet."""
+    access = Access(
+        settings.data,
+        enforced=settings.auth is not Auth.NONE,
+        handler=core.handler,
+        durable=core.durability.reached,
+        now_ms=wall_ms,
+    )
+    if access.enforced and (new_key := access.file.first_key()) is not None:
         log.warning(
             "first start: keep this key pair, it is not shown again",
-            **{"xyy-app-id": "fleetledger", "xyy-app-key": new_key},
+            **{"xyy-app-id": FIRST_APP, "xyy-app-key": new_key},
         )
-    return keys
+    await access.tell_changes()
+    stack.push_async_callback(access.close)
+    watching = asyncio.create_task(access.watch())
+    stack.callback(watching.cancel)
+    return access
 
 
-def _api(core: Core, settings: Settings, keys: Keys | None) -> ASGIApp:
+def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
     def moment(at_ms: int) -> Fleet:
         return core.moments.fleet(At(at_ms=at_ms))
 
     find = Find(core.live, core.reader, moment, core.clock.now_ms)
+    queries = SceneQueries(
+        find,
+        partial(reports_at, settings.telemetry),
+        partial(plans_at, settings.telemetry),
+        Beside(
+            config=wire,
+            doors=lambda live, fleet, scene: {},
+            lifts=lambda live, fleet, scene: {},
+            map_resources=lambda fleet, scene: [],
+        ),
+    )
     stories = Stories(core.history, core.live, core.ledger.read)
     source = Source(
         settings.data,
@@ -239,19 +269,22 @@ def _api(core: Core, settings: Settings, keys: Keys | None) -> ASGIApp:
         finished=stories.finished,
     )
     routers = (
+        access_api.router(access),
         commands.api.m4.router(
             core.handler, core.durability.reached, ThinRoute, core.keep_gateway_secrets
         ),
         commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute),
-        projections.api.m4.router(
-            find,
-            partial(reports_at, settings.telemetry),
-            ThinRoute,
-            partial(plans_at, settings.telemetry),
-        ),
+        projections.api.m4.router(queries, ThinRoute),
         replay.api.router(source, ThinRoute),
+        *core.callbacks.routers(core.durability.reached, core.live.fleet.scenes.get),
     )
-    return build(routers, keys=keys, position=lambda: core.live.position, wait=core.live.wait)
+    return build(
+        routers,
+        callers=access.callers,
+        refused=access.refusals.refused,
+        position=lambda: core.live.position,
+        wait=core.live.wait,
+    )
 
 
 async def _serve_rdscore(stack: AsyncExitStack, core: Core, settings: Settings) -> None:

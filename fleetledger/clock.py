@@ -51,6 +51,11 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
         return cls(base_ms=int(base_ms), started_ns=int(started_ns), speed=float(speed))
 
 
+def wall_ms() -> int:
+    """Give the wall's time: people's sessions and keys do not go by scaled time."""
+    return time.time_ns() // 1_000_000
+
+
 def kept_time_ms(data: Path) -> int:
     """Read the time that no process of the last run has passed; 0 where nothing is kept."""
     path = data / "clock"

@@ -1,5 +1,6 @@
 """HTTP for all dialects: thin documented routes, one shape of error, limits on bodies."""
 
+import asyncio
 import inspect
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, get_type_hints
@@ -18,6 +19,7 @@ from ledger.errors import LedgerError, Refused
 
 BODY_BYTES_MAX = 1_000_000  # of an ordinary request
 SCENE_BYTES_MAX = 64_000_000  # of an imported scene file
+BODY_S_MAX = 30  # for a body to come, of whatever size
 
 Handle = Callable[[Request], Coroutine[Any, Any, Response]]
 
@@ -52,19 +54,30 @@ class ThinRoute(APIRoute):
 
 
 async def _read(request: Request) -> bytes:
-    """Read the whole body; nearly always it comes in one message."""
-    message = await request.receive()
-    if not message.get("more_body"):
-        request._body = message.get("body", b"")  # where Starlette keeps it for later readers
-        return request._body
-    parts = [message.get("body", b"")]
-    while message.get("more_body"):
-        message = await request.receive()
-        if message["type"] == "http.disconnect":
-            raise ClientDisconnect
-        parts.append(message.get("body", b""))
+    """Read the whole body, within a time; nearly always it comes in one message."""
+    try:
+        async with asyncio.timeout(BODY_S_MAX):
+            message = await request.receive()
+            if not message.get("more_body"):
+                # where Starlette keeps it for later readers
+                request._body = message.get("body", b"")
+                return request._body
+            parts = [message.get("body", b"")]
+            while message.get("more_body"):
+                message = await request.receive()
+                if message["type"] == "http.disconnect":
+                    raise ClientDisconnect
+                parts.append(message.get("body", b""))
+    except TimeoutError:
+        raise TooSlow("errBodyTooSlow", f"The body did not come within {BODY_S_MAX} s.") from None
     request._body = b"".join(parts)
     return request._body
+
+
+class TooSlow(Refused):
+    """The client holds a place and does not send."""
+
+    status = 408
 
 
 class ErrorBody(BaseModel):
@@ -73,6 +86,17 @@ class ErrorBody(BaseModel):
     code: str
     message: str
     args: list[Any] = []
+
+
+class Later(Refused):
+    """Not now: the client is told after how many seconds to try again."""
+
+    status = 429
+
+    def __init__(self, code: str, message: str, wait_s: int) -> None:
+        """Take the code, the sentence, and the wait."""
+        super().__init__(code, message, wait_s)
+        self.wait_s = wait_s
 
 
 def error(status: int, code: str, message: str, args: tuple[object, ...] = ()) -> Response:
@@ -84,7 +108,10 @@ def error(status: int, code: str, message: str, args: tuple[object, ...] = ()) -
 def answer_to(trouble: Exception) -> Response | None:
     """Give the answer to an expected trouble; None where it is a bug of ours."""
     if isinstance(trouble, Refused):
-        return error(trouble.status, trouble.code, trouble.message, trouble.arguments)
+        answer = error(trouble.status, trouble.code, trouble.message, trouble.arguments)
+        if isinstance(trouble, Later):
+            answer.headers["Retry-After"] = str(trouble.wait_s)
+        return answer
     if isinstance(trouble, ValidationError | RequestValidationError):
         return error(400, *_first_fault(list(trouble.errors())))
     if isinstance(trouble, LedgerError):

@@ -1,4 +1,4 @@
-"""What happens around every HTTP call: who asks, how much may be sent, and what is counted."""
+"""What happens around every call: who asks, whether it may, how much, and what is counted."""
 
 import time
 from collections.abc import Awaitable, Callable
@@ -8,28 +8,42 @@ from prometheus_client import Counter, Histogram
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER, Keys
+from fleetledger.access.callers import (
+    APP_ID_HEADER,
+    APP_KEY_HEADER,
+    SAFE_METHODS,
+    Caller,
+    Callers,
+    Headers,
+    claimed,
+    from_own_page,
+)
+from fleetledger.access.roles import OPEN, RANK, Policy
 from fleetledger.http import BODY_BYTES_MAX, SCENE_BYTES_MAX, error
 
 log = structlog.get_logger()
 
 POSITION_HEADER = "X-Ledger-Position"
 WAIT_HEADER = "X-Wait-Position"
-APP_ID_CHARS_MAX = 100
 POSITION_DIGITS_MAX = 18
 SCENE_IMPORT_PATH = "/api/fleet/scenes/import"
-OPEN_PATHS = (
-    "/",
-    "/api/ping",
-    "/favicon.ico",
-    "/docs",
-    "/openapi.json",
-)  # tell nothing of the plant
-OPEN_FOLDERS = ("/console/", "/static-offline-docs/")
+SIGN_IN_PATH = "/api/sign-in"
+UNDER_WAY_MAX = 1024  # calls at once, followers of streams among them
+HEAD_BYTES_MAX = 32_768  # of a call's path, query and headers
+BUSY_WAIT_S = 1
 
 # as they come in the scope; every call is looked at, so no object is made of its headers
 _POSITION, _WAIT = POSITION_HEADER.lower().encode(), WAIT_HEADER.lower().encode()
-_APP_ID, _APP_KEY = APP_ID_HEADER.encode(), APP_KEY_HEADER.encode()
+
+# of every answer: nothing may guess at types, frame a page, or learn what was asked here
+_ALWAYS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
+_POLICY = b"content-security-policy"
+# of pages without a policy of their own, which are those about the API: their script is inline
+_PAGES_POLICY = (
+    b"default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
+    b"img-src 'self' data:; object-src 'none'; base-uri 'none'; form-action 'none'; "
+    b"frame-ancestors 'none'"
+)
 
 CALLS = Counter("fleetledger_http_calls", "HTTP calls", ["method", "route", "status"])
 SECONDS = Histogram(
@@ -40,20 +54,28 @@ SECONDS = Histogram(
 )
 
 
+Refusing = Callable[[str, str, str, str], None]  # caller as claimed, address, call, code
+
+
 class Gate:
-    """Check keys and sizes, wait for a position if asked, and name the position in every answer."""
+    """Check who asks and how much, wait for a position if asked, name it in every answer."""
 
     def __init__(
         self,
         app: ASGIApp,
         *,
-        keys: Keys | None,
+        callers: Callers,
+        policy: Policy,
+        refused: Refusing,
         position: Callable[[], int],
         wait: Callable[[int], Awaitable[bool]],
     ) -> None:
-        """Take the app, the keys (None = open), the readable position, and how to wait for one."""
+        """Take who calls, what they may, who hears of refusals, the position and its coming."""
         self._app = app
-        self._keys = keys
+        self._callers = callers
+        self._policy = policy
+        self._refused = refused
+        self._under_way = 0
         self._position = position
         self._wait = wait
         self._figures: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
@@ -61,6 +83,8 @@ class Gate:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the call on, or refuse it."""
         if scope["type"] != "http":
+            if scope["type"] == "websocket":
+                self._name_follower(scope)
             await self._app(scope, receive, send)
             return
         began = time.perf_counter()
@@ -71,13 +95,19 @@ class Gate:
             if message["type"] == "http.response.start":
                 status = message["status"]
                 headers = message["headers"]
-                if all(name != _POSITION for name, _ in headers):
+                headers.extend(_ALWAYS)
+                names = [name for name, _ in headers]
+                if _POSITION not in names:
                     headers.append((_POSITION, b"%d" % self._position()))
+                if _POLICY not in names and not scope["path"].startswith("/api/"):
+                    headers.append((_POLICY, _PAGES_POLICY))
             await send(message)
 
+        self._under_way += 1
         try:
             await self._pass_or_refuse(scope, receive, send_with_position)
         finally:
+            self._under_way -= 1
             route = getattr(scope.get("route"), "path", "other")
             calls, seconds = self._figures_of(scope["method"], route, status)
             calls.inc()
@@ -95,19 +125,18 @@ class Gate:
     async def _pass_or_refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers: dict[bytes, bytes] = dict(scope["headers"])
         path: str = scope["path"]
-        caller = self._caller(headers)
+        caller = self._callers.caller(headers)
         limit = SCENE_BYTES_MAX if path == SCENE_IMPORT_PATH else BODY_BYTES_MAX
-        refusal = None
-        if caller is None and not _is_open(path):
-            refusal = _not_signed_in()
-        elif not _at_most(headers.get(b"content-length", b"0"), limit):
-            refusal = _too_large(limit)
-        elif (wanted := headers.get(_WAIT)) is not None:
-            refusal = await self._waited(wanted)
+        refusal = self._barred(scope, headers, caller)
+        if refusal is None:
+            if not _at_most(headers.get(b"content-length", b"0"), limit):
+                refusal = _too_large(limit)
+            elif (wanted := headers.get(_WAIT)) is not None:
+                refusal = await self._waited(wanted)
         if refusal is not None:
             await refusal(scope, receive, send)
             return
-        scope.setdefault("state", {})["user"] = caller or ""
+        _introduce(scope, caller)
         if b"transfer-encoding" in headers:
             receive = _limited(receive, limit)
         try:
@@ -116,9 +145,60 @@ class Gate:
             await _too_large(limit)(scope, receive, send)
         except Exception:
             # the last resort: a bug of ours must not cost other clients their server
-            log.exception("call failed", method=scope["method"], path=path, caller=caller)
+            name = caller and caller.name
+            log.exception("call failed", method=scope["method"], path=path, caller=name)
             answer = error(500, "errServerBug", "This is a bug of the server; its log has more.")
             await answer(scope, receive, send)
+
+    def _barred(self, scope: Scope, headers: Headers, caller: Caller | None) -> Response | None:
+        """Refuse whom nobody knows, who may not, and who comes from another's page."""
+        if self._under_way > UNDER_WAY_MAX:
+            answer = error(503, "errBusy", f"{UNDER_WAY_MAX} calls are under way: try again.")
+            answer.headers["Retry-After"] = str(BUSY_WAIT_S)
+            return answer
+        if _head_bytes(scope) > HEAD_BYTES_MAX:
+            words = f"Path, query and headers may have {HEAD_BYTES_MAX} bytes."
+            return error(431, "errHeadTooLarge", words, (HEAD_BYTES_MAX,))
+        method, path = scope["method"], scope["path"]
+        rank = self._policy.rank(method, path)
+        if caller is None:
+            if rank != OPEN:
+                return self._refuse(scope, headers, 401, "errNotSignedIn", _NOT_SIGNED_IN)
+        elif RANK[caller.role] < rank:
+            words = f"Role '{caller.role}' of '{caller.name}' does not suffice for this call."
+            return self._refuse(scope, headers, 403, "errForbidden", words)
+        if not self._callers.host_is_known(headers):
+            return self._refuse(scope, headers, 403, "errHostUnknown", _HOST_UNKNOWN)
+        ambient = path == SIGN_IN_PATH if caller is None else caller.ambient
+        if ambient and method not in SAFE_METHODS and not from_own_page(headers):
+            return self._refuse(scope, headers, 403, "errOtherSite", _OTHER_SITE)
+        return None
+
+    def _refuse(
+        self, scope: Scope, headers: Headers, status: int, code: str, words: str
+    ) -> Response:
+        call = f"{scope['method']} {scope['path']}"
+        self._refused(claimed(headers), _address(scope), call, code)
+        return error(status, code, words)
+
+    def _name_follower(self, scope: Scope) -> None:
+        """Tell a WebSocket's endpoint who it is, or that nobody is; it words the refusal.
+
+        Browsers let every page open one to anywhere, cookies included: so it must be our own.
+        """
+        headers: dict[bytes, bytes] = dict(scope["headers"])
+        caller = self._callers.caller(headers)
+        code = ""
+        if caller is None:
+            code = "errNotSignedIn"
+        elif not self._callers.host_is_known(headers):
+            code = "errHostUnknown"
+        elif caller.ambient and not from_own_page(headers):
+            code = "errOtherSite"
+        if code:
+            call = f"WebSocket {scope['path']}"
+            self._refused(claimed(headers), _address(scope), call, code)
+        _introduce(scope, None if code else caller)
 
     async def _waited(self, wanted: bytes) -> Response | None:
         """Wait for a position; gives the refusal if that is none, or does not come."""
@@ -128,22 +208,35 @@ class Gate:
             return error(504, "errPositionNotReached", f"Position {int(wanted)} did not come.")
         return None
 
-    def _caller(self, headers: dict[bytes, bytes]) -> str | None:
-        app_id, key = headers.get(_APP_ID), headers.get(_APP_KEY)
-        if self._keys is None:
-            return "anonymous" if app_id is None else app_id.decode("latin-1")[:APP_ID_CHARS_MAX]
-        if app_id is None or key is None:
-            return None
-        return self._keys.caller(app_id.decode("latin-1"), key.decode("latin-1"))
+
+def _introduce(scope: Scope, caller: Caller | None) -> None:
+    """Tell the endpoints who calls."""
+    state = scope.setdefault("state", {})
+    state["caller"] = caller
+    state["user"] = "" if caller is None else caller.name
+    state["role"] = None if caller is None else caller.role
 
 
-def _not_signed_in() -> Response:
-    return error(
-        401,
-        "errNotSignedIn",
-        f"Send the headers {APP_ID_HEADER} and {APP_KEY_HEADER} of a key pair; "
-        "the first one was printed when the server first started.",
-    )
+_NOT_SIGNED_IN = (
+    f"Sign in by POST {SIGN_IN_PATH}, or send the headers {APP_ID_HEADER} and {APP_KEY_HEADER} "
+    "of a key pair; the first one was printed when the server first started."
+)
+_HOST_UNKNOWN = (
+    "Without access control this server answers to the names 127.0.0.1, localhost and ::1 only."
+)
+_OTHER_SITE = "A page of another site may not do this in your name."
+
+
+def _address(scope: Scope) -> str:
+    client = scope.get("client")
+    return client[0] if client else ""
+
+
+def _head_bytes(scope: Scope) -> int:
+    size = len(scope.get("raw_path") or scope["path"]) + len(scope["query_string"])
+    for name, value in scope["headers"]:
+        size += len(name) + len(value)
+    return size
 
 
 def _too_large(limit: int) -> Response:
@@ -170,7 +263,3 @@ def _limited(receive: Receive, limit: int) -> Receive:
         return message
 
     return receive_limited
-
-
-def _is_open(path: str) -> bool:
-    return path in OPEN_PATHS or path.startswith(OPEN_FOLDERS)

@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi.routing import APIRoute
 
-from fleetledger.access import APP_ID_HEADER, APP_KEY_HEADER
+from fleetledger.access.callers import APP_ID_HEADER, APP_KEY_HEADER, TOKEN_HEADER, USER_HEADER
 from fleetledger.http import ErrorBody
 
 EXAMPLES = Path(__file__).parent / "examples"  # the specification's own, file by file
@@ -77,8 +77,10 @@ def completed(document: dict[str, Any]) -> dict[str, Any]:
     components["securitySchemes"] = {
         "appId": {"type": "apiKey", "in": "header", "name": APP_ID_HEADER},
         "appKey": {"type": "apiKey", "in": "header", "name": APP_KEY_HEADER},
+        "userId": {"type": "apiKey", "in": "header", "name": USER_HEADER},
+        "userToken": {"type": "apiKey", "in": "header", "name": TOKEN_HEADER},
     }
-    document["security"] = [{"appId": [], "appKey": []}]
+    document["security"] = [{"appId": [], "appKey": []}, {"userId": [], "userToken": []}]
     groups = {path: group for group, path in EXAMPLES_OF.items()}
     for path, item in document["paths"].items():
         for operation in item.values():

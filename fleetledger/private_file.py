@@ -34,6 +34,7 @@ def replace_private(path: Path, data: bytes) -> None:
     draft.unlink(missing_ok=True)
     fd = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, MODE)
     with os.fdopen(fd, "wb") as file:
+        _give_to_owner_of(path.parent, fd)
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
@@ -55,7 +56,15 @@ def held(path: Path) -> Iterator[None]:
     lock = path.with_name(path.name + ".lock")
     fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, MODE)
     try:
+        _give_to_owner_of(path.parent, fd)
         fcntl.flock(fd, fcntl.LOCK_EX)
         yield
     finally:
         os.close(fd)
+
+
+def _give_to_owner_of(folder: Path, fd: int) -> None:
+    """Let root run the command line on the folder of a server that runs as somebody else."""
+    if os.geteuid() == 0:
+        owner = folder.stat()
+        os.fchown(fd, owner.st_uid, owner.st_gid)
