@@ -25,7 +25,7 @@ def parse_time(text: str, field: str = "asOf") -> int:
     Raises Refused, naming the field.
     """
     text = text.strip()
-    if text.isdecimal():
+    if text.isdecimal() and len(text) <= 20:  # int() itself refuses thousands of digits
         at_ms = int(text)
     else:
         try:

@@ -1,13 +1,16 @@
 """What M4 clients send to the read side. Fields that we do not know are left alone."""
 
-from typing import Any
+from enum import StrEnum
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from pydantic.config import JsonDict
 
 PAGE_SIZE_MAX = 10_000
 FUZZY_LENGTH_MAX = 200
 NAMES_MAX = 100
+NAME_CHARS_MAX = 200
+BATCH_MAX = 20  # questions of one find/batch
 QUERY_EXAMPLE: JsonDict = {
     "type": "Compound",
     "items": [
@@ -15,6 +18,9 @@ QUERY_EXAMPLE: JsonDict = {
         {"type": "General", "field1": "status", "operator": "Eq", "value": "Done"},
     ],
 }
+
+
+Name = Annotated[str, StringConstraints(min_length=1, max_length=NAME_CHARS_MAX)]
 
 
 class Asking(BaseModel):
@@ -90,3 +96,77 @@ class RobotsAsked(AsOf):
     scene_id: str | None = Field(None, alias="sceneId", description="Goes before sceneName.")
     scene_name: str | None = Field(None, alias="sceneName")
     raw_all: bool = Field(False, alias="rawAll", description="With the robots' own reports.")
+
+
+class RobotAsked(AsOf):
+    """robots/query-point."""
+
+    scene_id: Name = Field(alias="sceneId", description="Id of the scene.")
+    robot_name: Name = Field(alias="robotName", description="Name of the robot.")
+
+
+class Entry(Asking):
+    """One question of a find/batch."""
+
+    type: Literal["One", "Many", "Page"] = Field(description="Which of find/one, many and page.")
+    req: dict[str, Any] = Field(description="Its body.")
+
+
+class OrderQueryType(StrEnum):
+    """Which orders a scene query shows (spec/m4.md, OrderQueryType)."""
+
+    ALL = "AllOrders"
+    UNFINISHED = "NoFinishedOrders"
+    FAULTED = "FaultOrders"
+
+
+class SceneDataAsked(Asking):
+    """What the scene query takes, beside the scene; all of it may be left out."""
+
+    excluded: Annotated[list[str], Field(max_length=NAMES_MAX)] | None = Field(
+        None,
+        description="Properties of the reply not wanted; `traffic` stands for `trafficConditions` "
+        "and the robots' `unTravelled` and `spaces`. Others than these are ignored.",
+    )
+    with_raw: bool | None = Field(
+        None, alias="withRawReport", description="With the robots' own reports. Deprecated."
+    )
+    raw_all: bool | None = Field(None, alias="rawAll", description="With the robots' own reports.")
+    raw_fields: Annotated[list[str], Field(max_length=NAMES_MAX)] | None = Field(
+        None, alias="rawFields", description="Which fields of the robots' own reports; null = all."
+    )
+    order_query_type: OrderQueryType | None = Field(
+        None,
+        alias="orderQueryType",
+        description="Which orders: AllOrders (also if left out), NoFinishedOrders, FaultOrders.",
+    )
+    as_of: int | str | None = Field(None, alias="asOf", description="A past moment; null = now.")
+
+
+class SceneAsked(SceneDataAsked):
+    """The scene query over WebSocket, where no URL names the scene."""
+
+    scene_id: Name = Field(alias="sceneId", description="Id of the scene.")
+
+
+class ReportsAsked(Asking):
+    """All robots over WebSocket."""
+
+    scene_id: Name = Field(alias="sceneId", description="Id of the scene.")
+    as_of: int | str | None = Field(None, alias="asOf", description="A past moment; null = now.")
+
+
+class OrderAsked(Asking):
+    """The detail of an order over WebSocket."""
+
+    order_id: Name = Field(alias="orderId", description="Id of the order.")
+    as_of: int | str | None = Field(None, alias="asOf", description="A past moment; null = now.")
+
+
+class StreamAsked(Asking):
+    """Which scene to follow, and what of it."""
+
+    scene_id: Name = Field(alias="sceneId", description="Id of the scene.")
+    fields: Annotated[list[str], Field(max_length=NAMES_MAX)] | None = Field(
+        None, description="Properties of the scene query wanted; null = those that change."
+    )

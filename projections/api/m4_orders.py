@@ -10,13 +10,14 @@ def detail(order: Order, scene_name: str) -> Row:
     """Give the OrderDetail of an order."""
     return {
         **row(order, scene_name),
-        "allocationReject": _reject(order.allocation_reject),
-        "executionReject": _reject(order.execution_reject),
+        "allocationReject": reject_row(order.allocation_reject),
+        "executionReject": reject_row(order.execution_reject),
         "steps": [_step(order, index, step) for index, step in enumerate(order.steps)],
     }
 
 
-def _reject(reject: Reject | None) -> dict[str, Any] | None:
+def reject_row(reject: Reject | None) -> dict[str, Any] | None:
+    """Give a RejectReason, or null."""
     if reject is None:
         return None
     params = [{robot: reason} for robot, reason in reject.robots.items()]

@@ -2,21 +2,41 @@
 
 Fields without a value are absent, lists are there although empty. Doubles are rounded as in the
 source's note and its example: 3 decimals, 4 for the heading, 5 for the confidence (C6).
+
+The row comes in parts, each of different inputs, so that who follows a robot makes anew only the
+part whose inputs have changed.
 """
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Mapping
+from functools import lru_cache
+from typing import TypeAlias
 
 import msgspec
 
 from ledger.ids import OrderId
-from ledger.link import ActionPhase, Alarm, AlarmLevel, Load, Plan, Report, Space
+from ledger.link import DISPATCHER, ActionPhase, Load, Plan, Report, Space
 from ledger.scene import XY, Group, Scene, Value
 from ledger.state import Order, OrderKind, OrderStatus, Robot, RobotBin
+from projections.api.m4_raw_report import alarm_row, navigation_status, raw_report
 from projections.fields import Row
 
-CONTROLLER = "fleetledger"  # holder of control, as robots are told
-RUNNING, STANDING = 2, 0  # navigation states of Robokit
+OURS = frozenset({"", DISPATCHER})  # holders of control under whom a robot may be dispatched
+SPACES_KEPT = 50_000  # encoded ground, newest used; the same cells come again and again
+EXACT_MAX = 2.0**53  # beyond, a double has no decimals to round
+
+# name on the wire, field of the report, 10 to the number of decimals kept
+NUMBERS: tuple[tuple[str, str, float], ...] = (
+    ("x", "x_m", 1e3),
+    ("y", "y_m", 1e3),
+    ("d", "heading_rad", 1e4),
+    ("v", "speed_mps", 1e3),
+    ("rv", "turn_radps", 1e3),
+    ("battery", "battery_ratio", 1e3),
+    ("c", "confidence", 1e5),
+    ("to", "odometer_today_m", 1e3),
+)
+
+Points: TypeAlias = Mapping[str, str]  # bin -> the point from which it is reached
 
 
 class Seen(Value, frozen=True, kw_only=True):
@@ -28,28 +48,20 @@ class Seen(Value, frozen=True, kw_only=True):
     own: Report | None  # as the robot sent it
     plan: Plan | None
     orders: Mapping[OrderId, Order]
-    points: Mapping[str, str]  # bin -> its point
+    points: Points
 
 
-def ui_report(seen: Seen, *, raw: bool) -> Row:
+def ui_report(seen: Seen, *, raw: bool, raw_fields: Collection[str] | None = None) -> Row:
     """Give the UiRobotReport."""
-    robot, report = seen.robot, seen.report
-    row: Row = {
-        "name": robot.name,
-        "offDuty": robot.off_duty,
-        "online": robot.online,
-        "disabled": robot.config.disabled,
-        "mock": robot.config.simulated,
-    }
-    if not robot.online:
-        row["connectMsg"] = "The robot does not answer."
-    row |= _nothing_reported() if report is None else _reported(seen, report)
-    row["collision"] = _collision(seen.group)
+    known = orders_of(seen.robot, seen.orders)
+    row = identity(seen.robot, seen.group)
+    if seen.report is not None:
+        row |= numbers(seen.report)
+    row |= said(seen.robot, seen.group, seen.report)
     if raw and seen.own is not None:
-        row["raw"] = raw_report(seen.own, seen.plan)
-    row["bins"] = [_bin(index, content) for index, content in enumerate(robot.bins)]
-    row["noAc"] = False
-    return row | _errand(seen) | _traffic(seen)
+        row["raw"] = raw_report(seen.own, seen.plan, raw_fields)
+    row |= errand(seen.robot, known, seen.report, seen.plan)
+    return row | traffic(known, seen.report, seen.plan, seen.points)
 
 
 def bin_points(scene: Scene) -> dict[str, str]:
@@ -57,72 +69,87 @@ def bin_points(scene: Scene) -> dict[str, str]:
     return {bin_.name: bin_.point for area in scene.areas for bin_ in area.bins}
 
 
-def _nothing_reported() -> Row:
-    return {
-        "cff": False,
-        "emc": False,
-        "sEmc": False,
-        "blocked": False,
-        "alarms": [],
-        "charging": False,
-        "reloc": "Init",
-    }
+def orders_of(robot: Robot, orders: Mapping[OrderId, Order]) -> tuple[Order, ...]:
+    """Give the orders that a robot has."""
+    return tuple([orders[id_] for id_ in robot.orders if id_ in orders])
 
 
-def _reported(seen: Seen, report: Report) -> Row:
+def identity(robot: Robot, group: Group) -> Row:
+    """Give what the ledger says of the robot itself."""
     row: Row = {
-        "rTime": report.at_ms,
-        "x": round(report.x_m, 3),
-        "y": round(report.y_m, 3),
-        "d": round(report.heading_rad, 4),
+        "name": robot.name,
+        "offDuty": robot.off_duty,
+        "online": robot.online,
+        "disabled": robot.config.disabled,
+        "mock": robot.config.simulated,
+        "collision": _collision(group),
+        "bins": [_bin(index, content) for index, content in enumerate(robot.bins)],
+        "noAc": robot.given_up,
     }
-    if report.point is not None:
-        row["p"] = report.point
-    start = report.point or _next_point(seen.plan)
-    if start is not None:
-        row["bp"] = start
-    row |= {
-        "v": round(report.speed_mps, 3),
-        "rv": round(report.turn_radps, 3),
-        "areaId": report.area,
-        "map": report.map_name,
-        "mapMd5": report.map_digest,
-        "cff": seen.robot.online,
-        "controller": CONTROLLER,
-        "emc": report.emergency_stop,
-        "sEmc": report.soft_stop,
-        "blocked": report.blocked,
-        "alarms": [_alarm(alarm) for alarm in report.alarms],
-        "battery": round(report.battery_ratio, 3),
-        "charging": report.charging,
-        "c": round(report.confidence, 5),
-        "reloc": "Success",
-        "to": round(report.odometer_today_m, 3),
-    }
-    if report.blocked_reason is not None:
-        row["blockedMsg"] = report.blocked_reason
-    if report.loads:
-        row["loads"] = [_load(load, seen.group) for load in report.loads]
+    if robot.given_up:
+        row["connectMsg"] = "The robot does not answer; nobody tries any more until asked to."
+    elif not robot.online:
+        row["connectMsg"] = "The robot does not answer."
     return row
 
 
-def _next_point(plan: Plan | None) -> str | None:
-    """Give the point where the path that it drives now ends."""
-    if plan is None or not plan.untravelled:
-        return None
-    return plan.untravelled[0].partition("->")[2]
+def rounded(value: float, scale: float) -> float:
+    """Round so that arrays of numpy give the same, to the last digit."""
+    scaled = value * scale
+    return round(scaled) / scale if -EXACT_MAX < scaled < EXACT_MAX else value
 
 
-def _errand(seen: Seen) -> Row:
+def numbers(report: Report) -> Row:
+    """Give what changes with every report while a robot drives."""
+    row: Row = {"rTime": report.at_ms}
+    for name, field, scale in NUMBERS:
+        row[name] = rounded(getattr(report, field), scale)
+    return row
+
+
+def said(robot: Robot, group: Group, report: Report | None) -> Row:
+    """Give the rest of what the robot reports."""
+    if report is None:
+        return {
+            "cff": False,
+            "emc": False,
+            "sEmc": False,
+            "blocked": False,
+            "alarms": [],
+            "charging": False,
+            "reloc": "Init",
+        }
+    row: Row = {
+        "areaId": report.area,
+        "map": report.map_name,
+        "mapMd5": report.map_digest,
+        "cff": robot.online and report.controller in OURS,
+        "emc": report.emergency_stop,
+        "sEmc": report.soft_stop,
+        "blocked": report.blocked,
+        "alarms": [alarm_row(alarm) for alarm in report.alarms],
+        "charging": report.charging,
+        "reloc": "Success",
+    }
+    if report.point is not None:
+        row["p"] = report.point
+    if report.controller:
+        row["controller"] = report.controller
+    if report.blocked_reason is not None:
+        row["blockedMsg"] = report.blocked_reason
+    if report.loads:
+        row["loads"] = [load_row(load, group) for load in report.loads]
+    return row
+
+
+def errand(robot: Robot, known: tuple[Order, ...], report: Report | None, plan: Plan | None) -> Row:
     """Say what orders the robot has, and how it gets on with the current one."""
-    robot = seen.robot
-    known = [seen.orders[id_] for id_ in robot.orders if id_ in seen.orders]
     executing = (order for order in known if order.status is OrderStatus.EXECUTING)
     current = next(executing, known[0] if known else None)
     automatic = next((o for o in known if o.kind is not OrderKind.BUSINESS), None)
     faulted = next((o for o in known if o.fault_reason is not None), None)
-    driving = seen.plan is not None and seen.plan.moving
-    action = seen.report.action if seen.report is not None else None
+    driving = plan is not None and plan.moving
+    action = report.action if report is not None else None
     status = "Idle"
     if faulted is not None:
         status = "Failed"
@@ -155,30 +182,49 @@ def _current(order: Order) -> Row:
     return row
 
 
-def _traffic(seen: Seen) -> Row:
-    plan = seen.plan
+def traffic(
+    known: tuple[Order, ...], report: Report | None, plan: Plan | None, points: Points
+) -> Row:
+    """Say where it goes, and what ground it has for that."""
     row: Row = {
         "unTravelled": list(plan.untravelled) if plan is not None else [],
-        "spaces": [_space(space) for space in plan.spaces] if plan is not None else [],
+        "spaces": spaces(plan),
         "tReady": plan is not None and plan.ready,
         "bbr": list(plan.blocked_by) if plan is not None else [],
     }
-    target = (plan.target if plan is not None else None) or _goal(seen)
+    start = (report.point if report is not None else None) or _next_point(plan)
+    if start is not None and report is not None:
+        row["bp"] = start
+    target = target_point(known, plan, points)
     if target is not None:
         row["targetPoint"] = target
     if plan is not None and plan.moving:
-        row |= {"navId": str(plan.commit), "navStatus": RUNNING}
+        row |= {"navId": str(plan.commit), "navStatus": navigation_status(report, plan)}
         row |= {"ttId": str(plan.commit), "ttStatus": "TrafficAccepted"}
     return row
 
 
-def _goal(seen: Seen) -> str | None:
-    for id_ in seen.robot.orders:
-        order = seen.orders.get(id_)
-        if order is not None and 0 <= order.current_step < len(order.steps):
+def _next_point(plan: Plan | None) -> str | None:
+    """Give the point where the path that it drives now ends."""
+    if plan is None or not plan.untravelled:
+        return None
+    return plan.untravelled[0].partition("->")[2]
+
+
+def target_point(known: tuple[Order, ...], plan: Plan | None, points: Points) -> str | None:
+    """Give where traffic takes it, or else where its current step is."""
+    if plan is not None and plan.target is not None:
+        return plan.target
+    for order in known:
+        if 0 <= order.current_step < len(order.steps):
             location = order.steps[order.current_step].task.location
-            return seen.points.get(location, location)
+            return points.get(location, location)
     return None
+
+
+def spaces(plan: Plan | None) -> list[msgspec.Raw]:
+    """Give the SpaceResources that it holds, as JSON."""
+    return [_space(space) for space in plan.spaces] if plan is not None else []
 
 
 def _bin(index: int, content: RobotBin) -> Row:
@@ -190,18 +236,9 @@ def _bin(index: int, content: RobotBin) -> Row:
     return row
 
 
-def _alarm(alarm: Alarm) -> Row:
-    return {
-        "level": alarm.level.value,
-        "code": alarm.code,
-        "message": alarm.message,
-        "times": alarm.times,
-        "timestamp": alarm.at_ms,
-    }
-
-
-def _load(load: Load, group: Group) -> Row:
-    shape = _points(group.footprint)  # loads are taken to lie within the robot's own outline
+def load_row(load: Load, group: Group) -> Row:
+    """Give a RobotLoadRelation; loads are taken to lie within the robot's own outline."""
+    shape = _points(group.footprint)
     return {"type": "container", "id": load.container, "points": shape, "direction": 0.0}
 
 
@@ -215,9 +252,11 @@ def _collision(group: Group) -> Row:
     }
 
 
-def _space(space: Space) -> Row:
+@lru_cache(maxsize=SPACES_KEPT)
+def _space(space: Space) -> msgspec.Raw:
     kind = "Rect" if len(space.points) == 4 and _is_rectangle(space.points) else "Polygon"
-    return {"type": kind, "points": _points(space.points), "radius": None}
+    row = {"type": kind, "points": _points(space.points), "radius": None}
+    return msgspec.Raw(msgspec.json.encode(row))
 
 
 def _is_rectangle(p: tuple[XY, ...]) -> bool:
@@ -229,49 +268,4 @@ def _is_rectangle(p: tuple[XY, ...]) -> bool:
 
 
 def _points(points: tuple[XY, ...]) -> list[dict[str, float]]:
-    return [{"x": round(x, 3), "y": round(y, 3)} for x, y in points]
-
-
-def raw_report(report: Report, plan: Plan | None) -> Row:
-    """Give what the robot itself said, in the words of Robokit 1100."""
-    levels: dict[AlarmLevel, list[Any]] = {level: [] for level in AlarmLevel}
-    for alarm in report.alarms:
-        levels[alarm.level].append(_alarm(alarm))
-    moving = plan is not None and plan.moving
-    return {
-        "ret_code": 0,
-        "battery_level": report.battery_ratio,
-        "x": report.x_m,
-        "y": report.y_m,
-        "vx": report.speed_mps,
-        "w": report.turn_radps,
-        "angle": report.heading_rad,
-        "current_station": report.point or "",
-        "blocked": report.blocked,
-        "charging": report.charging,
-        "current_map": report.map_name,
-        "vehicle_id": report.robot,
-        "current_lock": {"nick_name": CONTROLLER, "locked": True},
-        "reloc_status": 1,
-        "fatals": levels[AlarmLevel.FATAL],
-        "errors": levels[AlarmLevel.ERROR],
-        "warnings": levels[AlarmLevel.WARNING],
-        "notices": levels[AlarmLevel.INFO],
-        "current_map_md5": report.map_digest,
-        "goods_region": None,
-        "confidence": report.confidence,
-        "emergency": report.emergency_stop,
-        "soft_emc": report.soft_stop,
-        "odo": report.odometer_m,
-        "today_odo": report.odometer_today_m,
-        "containers": [
-            {"container_name": str(load.bin), "goods_id": load.container, "has_goods": True}
-            for load in report.loads
-        ],
-        "loadmap_status": 0,
-        "task_status": RUNNING if moving else STANDING,
-        "task_type": 3 if moving else 0,  # 3 = navigation to a station
-        "target_id": (plan.target or "") if plan is not None and moving else "",
-        "task_id": str(plan.commit) if plan is not None and moving else "",
-        "fork_height": 0.0,
-    }
+    return [{"x": rounded(x, 1e3), "y": rounded(y, 1e3)} for x, y in points]

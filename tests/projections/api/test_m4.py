@@ -9,12 +9,12 @@ import pytest
 from fastapi import FastAPI
 
 import projections.api.m4
-from fleetledger.api import build
 from fleetledger.http import ThinRoute
 from ledger.ids import OrderId, PathKey, PointName, RobotName, robot_key
 from ledger.link import Alarm, AlarmLevel, Load, Plan, Report, Space
 from projections.poses import FRESH_MS
 from tests.golden import example, same_form
+from tests.projections.api.asking import application, asked_of
 from tests.projections.past import Side, all_orders, long_log
 from tests.strategies import SCENE
 
@@ -39,12 +39,11 @@ async def side(tmp_path: Path) -> AsyncIterator[Side]:
 
 @pytest.fixture
 async def client(side: Side) -> AsyncIterator[httpx.AsyncClient]:
-    router = projections.api.m4.router(
-        side.find, lambda scene, at_ms: {RobotName("R1"): report("R1", at_ms - 100, 2.0)}, ThinRoute
-    )
-    app = build([router], keys=None, position=lambda: side.live.position, wait=side.live.wait)
+    queries = asked_of(side, lambda scene, at_ms: {RobotName("R1"): report("R1", at_ms - 100, 2.0)})
+    router = projections.api.m4.router(queries, ThinRoute)
+    app = application(side, router)
     transport = httpx.ASGITransport(app)
-    async with httpx.AsyncClient(transport=transport, base_url="http://test") as client:
+    async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
         yield client
 
 
@@ -120,7 +119,7 @@ async def test_count_counts(client: httpx.AsyncClient) -> None:
 async def test_an_unlimited_answer_longer_than_a_chunk_is_streamed_whole(
     client: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("projections.api.m4.CHUNK_ROWS", 3)
+    monkeypatch.setattr("projections.api.m4_entities.CHUNK_ROWS", 3)
     monkeypatch.setattr("projections.find.CHUNK_ROWS", 3)
     asked = {"entityName": "TransportOrder", "projection": ["id"], "sort": ["-id"], "skip": 2}
     ids = sorted(all_orders(LOG), reverse=True)
@@ -345,8 +344,9 @@ async def test_a_scene_may_be_named_and_must_exist(client: httpx.AsyncClient) ->
 
 
 async def test_scenes_are_listed_and_drawn(client: httpx.AsyncClient, side: Side) -> None:
-    listed = await client.get("/api/fleet/scenes/list")
-    assert listed.json() == [{"id": SCENE, "name": "grid", "disabled": False}]
+    (listed,) = (await client.get("/api/fleet/scenes/list")).json()
+    known = side.live.fleet.scenes[SCENE]
+    assert (listed["id"], listed["name"], listed["disabled"]) == (SCENE, "grid", known.disabled)
     drawn = (await client.get(f"/api/fleet/scenes/{SCENE}/map")).json()
     (area,) = drawn["areas"]
     scene = side.live.fleet.scenes[SCENE]
@@ -369,7 +369,7 @@ async def test_the_map_of_the_past_is_the_map_of_then(client: httpx.AsyncClient)
 
 def test_the_questions_are_documented(side: Side) -> None:
     app = FastAPI()
-    app.include_router(projections.api.m4.router(side.find, lambda scene, at_ms: {}, ThinRoute))
+    app.include_router(projections.api.m4.router(asked_of(side), ThinRoute))
     paths = app.openapi()["paths"]
     many = paths["/api/entity/find/many"]["post"]
     assert [p["name"] for p in many["parameters"]] == ["asOf"]
