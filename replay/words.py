@@ -35,6 +35,8 @@ CODES = {
     "NoRobot": "the scene has no robots",
     "RobotNotWanted": "the order names others",
     "RobotNotReady": "not placed on the map yet",
+    "RobotSoftStopped": "soft stop pressed",
+    "RobotNotControlled": "not under our control",
     "RobotFault": "in fault",
     "RobotBusyKeepsOrder": "has to finish its order first",
     "RobotNoMoreBin": "no free bin",

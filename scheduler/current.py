@@ -54,6 +54,7 @@ def current(orders: Sequence[Order]) -> Current | None:
     """Choose the step of a robot with these orders: begun, then bound, then loading before others.
 
     A bound robot whose order has no further step yet waits for one and does nothing else.
+    A suspended order is put off as long as there is another one to begin.
     """
     open_steps = [(order, next_step(order)) for order in orders]
     known = [Current(order=o, index=i) for o, i in open_steps if i is not None]
@@ -63,5 +64,6 @@ def current(orders: Sequence[Order]) -> Current | None:
     kept = kept_order(orders)
     if kept is not None:
         return next((c for c in known if c.order is kept), None)
-    loading = [c for c in known if c.step.task.loads]
-    return next(iter(loading or known), None)
+    free = [c for c in known if not c.order.suspended] or known
+    loading = [c for c in free if c.step.task.loads]
+    return next(iter(loading or free), None)

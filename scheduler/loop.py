@@ -5,7 +5,7 @@ restart it goes on where it was; what it remembers beside them (pauses, timers) 
 """
 
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import TypeAlias, get_args
 
 import msgspec
 
@@ -13,25 +13,32 @@ from ledger.events import (
     AnyEvent,
     AssignmentRejected,
     CommandAnswered,
+    DeviceEvent,
     ExecutionRejected,
     RobotAdded,
+    RobotReconnectAsked,
     RobotRemoved,
-    SceneConfigured,
+    RobotTrafficReset,
+    SceneEvent,
     SceneImported,
     SceneMapReplaced,
+    SceneRemoved,
     StepStarted,
 )
 from ledger.events.orders import OfOrder
 from ledger.evolve import evolve
 from ledger.ids import RobotKey, RobotName, SceneId, robot_key
-from ledger.link import Act, Cancel, Plan, Report
+from ledger.link import Act, Cancel, Plan, Reconnect, Report
 from ledger.proposals import AnyProposal
 from ledger.state import Fleet, Order, Robot
 from scheduler.backoff import Backoff
 from scheduler.dispatch.execution import due_action, due_cancel, goals, is_busy
 from scheduler.dispatch.phases import ALL, QUICK, dispatch
+from scheduler.dispatch.stopped import stopped
+from scheduler.instructions import Telling
 from scheduler.links.protocol import RobotLink
-from scheduler.observe import Sighting, observe
+from scheduler.observe import Sighting, lost_after_ms, observe
+from scheduler.reconnects import Reconnects
 from scheduler.roads import TrafficFactory
 from scheduler.site import Site
 from scheduler.view import View
@@ -48,6 +55,7 @@ SIGHTINGS_MAX = 100_000
 Propose: TypeAlias = Callable[[Sequence[AnyProposal]], Sequence[AnyEvent]]
 Plans: TypeAlias = Callable[[SceneId, Sequence[Plan]], None]
 
+_OF_SCENE = (*get_args(SceneEvent), *get_args(DeviceEvent))
 _NO_NEWS = (AssignmentRejected, ExecutionRejected, CommandAnswered, StepStarted)
 
 
@@ -81,7 +89,10 @@ class Scheduler:
         self._plans = plans
         self._traffic = traffic
         self._backoff = Backoff()
+        self._reconnects = Reconnects()
+        self._telling = Telling()
         self._sites: dict[SceneId, Site] = {}
+        self._opened: set[SceneId] = set()  # scenes looked at, removed ones included
         self._paces: dict[SceneId, Pace] = {}
         self._robots: dict[SceneId, list[RobotKey]] | None = None  # sorted; None = to be sorted
         self._sightings: dict[RobotKey, Sighting] = {}
@@ -99,20 +110,33 @@ class Scheduler:
 
     def _note(self, event: AnyEvent) -> None:
         site = self._sites.get(event.scene)
+        if isinstance(event, RobotAdded | RobotRemoved):
+            self._robots = None
+        elif isinstance(event, SceneRemoved):
+            self._close_site(event.scene)
+            return
+        elif isinstance(event, RobotReconnectAsked):
+            self._reconnects.ask(robot_key(event.scene, event.robot))
         if site is None:
             return  # made at the next tick, from the state as it is then
         if isinstance(event, OfOrder):
             site.waiting.note(event.order, self._fleet.orders.get(event.order))
         elif isinstance(event, SceneImported | SceneMapReplaced):
             site.build(self._fleet.scenes[event.scene])
-        elif isinstance(event, SceneConfigured):
-            site.scene = self._fleet.scenes[event.scene]
+        elif isinstance(event, _OF_SCENE):
+            self._take_on(site, event.scene)
         elif isinstance(event, RobotRemoved):
             site.forget(event.robot)
-        if isinstance(event, RobotAdded | RobotRemoved):
-            self._robots = None
+        elif isinstance(event, RobotTrafficReset):
+            site.reset(event.robot)
         if not isinstance(event, _NO_NEWS):
             site.changed = True
+
+    def _take_on(self, site: Site, id_: SceneId) -> None:
+        before, scene = site.scene, self._fleet.scenes[id_]
+        site.configure(scene)
+        if scene.config.dispatch_sort != before.config.dispatch_sort:
+            site.waiting.sort_by(scene.config.dispatch_sort, self._fleet.orders)
 
     def on_report(self, report: Report) -> None:
         """Keep a report for the next tick."""
@@ -143,7 +167,11 @@ class Scheduler:
         proposals: list[AnyProposal] = []
         for scene, site in self._sites.items():
             robots = self._robots_of(scene)
-            proposals.extend(observe(robots, self._sightings, self._since_ms, now_ms))
+            silent_ms_max = lost_after_ms(site.scene.config)
+            proposals.extend(
+                observe(robots, self._sightings, silent_ms_max, self._since_ms, now_ms)
+            )
+            proposals.extend(self._reach(site, robots))
             site.take_in(robots, now_ms)
             views[scene], found = self._dispatch(scene, site, robots)
             proposals.extend(found)
@@ -152,19 +180,27 @@ class Scheduler:
             self.on_events(self._propose(fit))
         for scene, site in self._sites.items():
             view = site.view(self._fleet, self._robots_of(scene)) if fit else views[scene]
+            self._instruct(scene, view)
             self._act(scene, view)
             self._steer(scene, site, view)
 
     def _open_sites(self) -> None:
-        if len(self._sites) == len(self._fleet.scenes):
+        if self._opened == self._fleet.scenes.keys():
             return
-        for scene in sorted(self._fleet.scenes.keys() - self._sites.keys()):
+        self._opened = set(self._fleet.scenes)
+        there = {id_ for id_, scene in self._fleet.scenes.items() if not scene.removed}
+        for scene in sorted(there - self._sites.keys()):
             self._sites[scene] = Site(self._fleet.scenes[scene], self._traffic, self._now_ms)
             self._paces[scene] = Pace()
             for id_, order in self._fleet.orders.items():
                 if order.scene == scene:
                     self._sites[scene].waiting.note(id_, order)
         self._sites = dict(sorted(self._sites.items()))
+        self._robots = None
+
+    def _close_site(self, scene: SceneId) -> None:
+        self._sites.pop(scene, None)
+        self._paces.pop(scene, None)
         self._robots = None
 
     def _robots_of(self, scene: SceneId) -> list[Robot]:
@@ -191,11 +227,30 @@ class Scheduler:
         view = site.view(self._fleet, robots, waiting, reallocate=reallocate)
         return view, dispatch(view, now_ms, ALL)
 
+    def _reach(self, site: Site, robots: list[Robot]) -> list[AnyProposal]:
+        """Tell those that do not answer to connect anew, and say whom it is no use to tell."""
+        proposals: list[AnyProposal] = []
+        for robot in robots if not site.scene.disabled else ():
+            found = self._reconnects.due(robot, site.scene.config, self._now_ms)
+            if isinstance(found, Reconnect):
+                self._link.tell(site.scene.id, found)
+            elif found is not None:
+                proposals.append(found)
+        return proposals
+
+    def _instruct(self, scene: SceneId, view: View) -> None:
+        for robot in view.robots.values():
+            if robot.robot.instructions:
+                message = self._telling.to_tell(robot.robot, robot.report, self._now_ms)
+                if message is not None:
+                    self._link.tell(scene, message)
+
     def _act(self, scene: SceneId, view: View) -> None:
         told = self._paces[scene].told
         for name, robot in view.robots.items():
             message: Cancel | Act | None = None
-            if robot.robot.online and not robot.robot.config.disabled:
+            in_service = robot.robot.online and not robot.robot.config.disabled
+            if in_service and not view.scene.disabled:
                 message = due_cancel(view, robot) or due_action(view, robot, self._now_ms)
             if message is None:
                 told.pop(name, None)
@@ -209,7 +264,11 @@ class Scheduler:
     def _steer(self, scene: SceneId, site: Site, view: View) -> None:
         paused = view.scene.disabled or view.scene.config.traffic_paused
         wanted = {} if paused else goals(view)
-        busy = {name for name, robot in view.robots.items() if is_busy(view, robot)}
+        busy = {
+            name
+            for name, robot in view.robots.items()
+            if stopped(robot) is not None or is_busy(view, robot)
+        }
         for message in site.steer(self._now_ms, wanted, busy):
             self._link.tell(scene, message)
         pace = self._paces[scene]

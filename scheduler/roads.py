@@ -27,6 +27,9 @@ class TrafficLike(Roads, Protocol):
     def ready(self) -> bool:
         """Every robot that is there has been placed; nobody moves before."""
 
+    def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
+        """Take settings of the scene (SceneConfig), at once."""
+
     def add(self, robot: RobotName, group: int) -> None:
         """Expect the robot here."""
 

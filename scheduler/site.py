@@ -25,7 +25,7 @@ class Site:
 
     def __init__(self, scene: Scene, traffic: TrafficFactory, now_ms: int) -> None:
         self.scene = scene
-        self.waiting = Waiting()
+        self.waiting = Waiting(scene.config.dispatch_sort)
         self.reports: dict[RobotName, Report] = {}
         self.plans: dict[RobotName, Plan] = {}
         self.changed = True  # something happened that dispatch should look at
@@ -34,6 +34,7 @@ class Site:
         self._queues: dict[RobotName, list[Report]] = {}
         self._watches: dict[RobotName, Watch] = {}
         self._memo: dict[RobotName, tuple[tuple[Order, ...], Current | None]] = {}
+        self._resets: set[RobotName] = set()  # asked for, and not done yet
         self.build(scene)
 
     def build(self, scene: Scene) -> None:
@@ -47,12 +48,32 @@ class Site:
             if not area.disabled
         }
         self._expected: dict[RobotName, frozenset[int]] = {}  # areas whose traffic knows of it
+        self._groups: dict[RobotName, int] = {}  # as those areas know it
         self._lost: set[RobotName] = set()
         self._settled: set[int] = set()  # areas whose traffic has been ready once
         self.plans.clear()
         for name, report in self.reports.items():
             self._queues.setdefault(name, []).append(report)
         self.changed = True
+        self._tune()
+
+    def configure(self, scene: Scene) -> None:
+        """Take the scene on with other settings, or in another state; its map is the same."""
+        before, self.scene = self.scene, scene
+        if scene.config != before.config:
+            self._tune()
+        self.changed = True
+
+    def _tune(self) -> None:
+        config = self.scene.config
+        for traffic in self.traffic.values():
+            traffic.tune(
+                config.point_distance_m, config.path_distance_m, config.traffic_plan_interval_ms
+            )
+
+    def reset(self, name: RobotName) -> None:
+        """Have traffic forget the robot and place it anew, as soon as it is there to be asked."""
+        self._resets.add(name)
 
     def hear(self, report: Report) -> None:
         """Queue a report for the next tick. Old ones give way, but none that tells a route."""
@@ -84,6 +105,9 @@ class Site:
             return
         queue = self._queues.pop(name, [])
         in_service = robot.online and not robot.config.disabled
+        if self._must_be_placed_anew(name, group, in_service=in_service):
+            self._expect(name, group, frozenset())
+            queue = queue or [newest]
         if not in_service and name in self._lost and not self._is_news(queue):
             return
         for report in queue:
@@ -96,6 +120,16 @@ class Site:
             self._lost.discard(name)
         elif queue or name not in self._lost:  # it still stands there, and no one else may
             self._lose(name)
+
+    def _must_be_placed_anew(self, name: RobotName, group: int, *, in_service: bool) -> bool:
+        """Another group is another shape. One that does not answer keeps its ground until it does:
+        nobody else could tell where it is, or what of its route it still has.
+        """
+        other_shape = self._groups.get(name, group) != group
+        if not in_service or not (other_shape or name in self._resets):
+            return False
+        self._resets.discard(name)
+        return True
 
     def _is_news(self, queue: list[Report]) -> bool:
         """Tell whether a robot out of service has moved, or says what traffic asked for.
@@ -127,14 +161,16 @@ class Site:
         for area in sorted(areas - before):
             self.traffic[area].add(name, group)
         if areas:
-            self._expected[name] = areas
+            self._expected[name], self._groups[name] = areas, group
         else:
             del self._expected[name]
+            del self._groups[name]
 
     def forget(self, name: RobotName) -> None:
         """Drop all that is known of a robot that is not of this scene any more."""
         self._expect(name, 0, frozenset())
         self._lost.discard(name)
+        self._resets.discard(name)
         for memory in (self.reports, self._queues, self._watches, self._memo, self.plans):
             memory.pop(name, None)
 

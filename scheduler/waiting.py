@@ -1,24 +1,38 @@
 """The business orders of one scene that have no robot, most urgent first."""
 
 from bisect import bisect_left, insort
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 from ledger.ids import OrderId
 from ledger.state import Order, OrderKind, OrderStatus
+from scheduler.urgency import Urgency, urgency
 
 HEAD = 500  # the most urgent orders: every pass looks at them
 SLICE = 500  # of the others, in turn, so that orders nobody can do do not hide those behind them
 
-Urgency: TypeAlias = tuple[int, int, OrderId]  # -priority, created, id
+Entry: TypeAlias = tuple[bool, Urgency, OrderId]  # suspended, and then last; key; id
 
 
 class Waiting:
     """Kept sorted while events come in, for a site may have a hundred thousand of them."""
 
-    def __init__(self) -> None:
-        self._sorted: list[Urgency] = []
-        self._known: dict[OrderId, Urgency] = {}
+    def __init__(self, sort: Sequence[str] = ()) -> None:
+        """Take the setting dispatch_sort."""
+        self._sorted: list[Entry] = []
+        self._known: dict[OrderId, Entry] = {}
         self._next = 0
+        self._urgency = urgency(sort)
+
+    def sort_by(self, sort: Sequence[str], orders: Mapping[OrderId, Order]) -> None:
+        """Take a changed setting; the orders are looked at again."""
+        self._urgency = urgency(sort)
+        for id_ in self._known:
+            self._known[id_] = self._entry(orders[id_])
+        self._sorted = sorted(self._known.values())
+
+    def _entry(self, order: Order) -> Entry:
+        return (order.suspended, self._urgency(order), order.id)
 
     def __len__(self) -> int:
         return len(self._sorted)
@@ -31,17 +45,16 @@ class Waiting:
         if order is None or order.kind is not OrderKind.BUSINESS:
             return
         if order.status is OrderStatus.TO_BE_ALLOCATED and order.fault_reason is None:
-            urgency = (-order.priority, order.created_ms, id_)
-            self._known[id_] = urgency
-            insort(self._sorted, urgency)
+            self._known[id_] = entry = self._entry(order)
+            insort(self._sorted, entry)
 
     def slice(self) -> list[OrderId]:
         """Give the orders for one pass: the head, and the next slice of what is behind it."""
-        ids = [urgency[2] for urgency in self._sorted[:HEAD]]
+        ids = [entry[2] for entry in self._sorted[:HEAD]]
         if len(self._sorted) <= HEAD:
             return ids
         if not HEAD <= self._next < len(self._sorted):
             self._next = HEAD
-        ids.extend(urgency[2] for urgency in self._sorted[self._next : self._next + SLICE])
+        ids.extend(entry[2] for entry in self._sorted[self._next : self._next + SLICE])
         self._next += SLICE
         return ids

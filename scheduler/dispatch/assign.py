@@ -1,8 +1,9 @@
 """Phase *assign*: which robot does which order, and for every pair that is not made, why not.
 
 Orders go by class: higher priority first, then those that have waited longer than
-dispatch_wait_s_max. Each class is matched on what the classes before it have left, so a cheaper
-way never overtakes a higher priority; within a class the method (KM or Greedy) decides.
+dispatch_wait_s_max; or as dispatch_sort says, and then whoever has waited too long comes before
+everybody. Each class is matched on what the classes before it have left, so a cheaper way never
+overtakes a higher priority; within a class the method (KM or Greedy) decides.
 Orders that lead into a full single-lane corridor wait (see crowding).
 """
 
@@ -24,6 +25,7 @@ from scheduler.dispatch.matching import FORBIDDEN, Table, match_greedy, match_km
 from scheduler.dispatch.reasons import NotAssigned, Why
 from scheduler.dispatch.refusals import refusals
 from scheduler.dispatch.withdraw import is_withdrawable
+from scheduler.urgency import Urgency, rank, urgency
 from scheduler.view import RobotView, View
 
 ROWS_MAX = 200  # orders in one matching; the rest of the class gets what it leaves
@@ -48,6 +50,8 @@ def assign(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[Any
     """Match what waits with what is free, and give every order left over its reasons."""
     if view.scene.disabled:
         return refusals(view, view.waiting, NotAssigned.SCENE_DISABLED, lambda _: {}, now_ms)
+    if view.scene.dispatch_paused:
+        return refusals(view, view.waiting, NotAssigned.DISPATCH_PAUSED, lambda _: {}, now_ms)
     if not view.robots:
         return refusals(view, view.waiting, NotAssigned.NO_ROBOT, lambda _: {}, now_ms)
     withdrawn = {p.order for p in so_far if isinstance(p, WithdrawOrder)}
@@ -62,6 +66,8 @@ class _Assignment:
         self.now_ms = now_ms
         self.withdrawn = withdrawn
         self.costs = Costs(view)
+        self.rank = rank(view.scene.config.dispatch_sort)
+        self.urgency = urgency(view.scene.config.dispatch_sort)
         robots = view.robots.values()
         self.standing = {r.name: standing_reason(view, r, now_ms) for r in robots}
         self.slots: list[Slot] = []
@@ -96,25 +102,33 @@ class _Assignment:
                         break
                     tried += len(chunk)
                     proposals.extend(self._match(chunk))
-        left = [o for o in self.view.waiting if o.id not in self.assigned | self.skipped]
+        waiting = [o for o in self.view.waiting if o.id not in self.assigned | self.skipped]
+        held_up = [o for o in waiting if o.suspended]
+        code = NotAssigned.ORDER_SUSPENDED
+        proposals.extend(refusals(self.view, held_up, code, lambda _: {}, self.now_ms))
+        left = [o for o in waiting if not o.suspended]
         code = NotAssigned.ALL_ROBOTS
         proposals.extend(refusals(self.view, left, code, self._reasons_for, self.now_ms))
         return proposals
 
-    def _class(self, order: Order) -> tuple[int, bool]:
-        wait_ms = self.view.scene.config.dispatch_wait_s_max * 1000
-        return (-order.priority, self.now_ms - order.created_ms <= wait_ms)
+    def _class(self, order: Order) -> Urgency:
+        config = self.view.scene.config
+        in_time = self.now_ms - order.created_ms <= config.dispatch_wait_s_max * 1000
+        rank = self.rank(order)
+        return (in_time, rank) if config.dispatch_sort else (rank, in_time)
 
     def _all_orders(self) -> list[Order]:
-        orders = list(self.view.waiting)
+        orders = [order for order in self.view.waiting if not order.suspended]
         if self.view.reallocate:
             orders.extend(
                 order
                 for robot in self.view.robots.values()
                 for order in robot.orders
-                if order.id not in self.withdrawn and is_withdrawable(self.view, robot, order)
+                if order.id not in self.withdrawn
+                and not order.suspended
+                and is_withdrawable(self.view, robot, order)
             )
-        return sorted(orders, key=lambda o: (self._class(o), o.created_ms, o.id))
+        return sorted(orders, key=lambda o: (self._class(o), self.urgency(o)))
 
     def _allowed(self, order: Order) -> frozenset[RobotName]:
         demand = (order.wanted_robots, order.wanted_groups)

@@ -14,7 +14,7 @@ from scheduler.view import RobotView, View
 
 def charge(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[AnyProposal]:
     """Make charging orders, the emptiest robot first: one robot to one charger."""
-    if view.scene.config.charging_paused or view.scene.disabled:
+    if view.scene.config.charging_paused or view.scene.dispatch_paused or view.scene.disabled:
         return []
     taken = engaged(so_far)
     robots = [

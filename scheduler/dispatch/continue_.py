@@ -1,6 +1,6 @@
 """Phase *continue*: robots begin, finish and fail the steps of the orders they have."""
 
-from ledger.ids import RobotName
+from ledger.ids import OrderId, RobotName
 from ledger.link import ActionPhase
 from ledger.proposals import (
     AnyProposal,
@@ -15,6 +15,7 @@ from scheduler.current import Current
 from scheduler.dispatch.eligibility import trouble
 from scheduler.dispatch.execution import action, is_busy, place_of
 from scheduler.dispatch.reasons import Why
+from scheduler.dispatch.stopped import stopped
 from scheduler.places import Place
 from scheduler.view import RobotView, View
 
@@ -28,6 +29,7 @@ def continue_(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[
     proposals: list[AnyProposal] = []
     for robot in view.robots.values():
         at = robot.at
+        proposals.extend(_put_off(view, robot, at, withdrawn))
         if at is None or at.order.id in withdrawn:
             continue
         proposals.extend(_advance(view, robot, at))
@@ -40,6 +42,9 @@ def _advance(view: View, robot: RobotView, at: Current) -> list[AnyProposal]:
         return []
     order, scene = at.order.id, view.scene.id
     if not at.begun:
+        held_up = at.order.suspended or stopped(robot) is not None or view.scene.disabled
+        if held_up:
+            return []
         return [StartStep(scene=scene, order=order, step=at.index, robot=robot.name)]
     place = place_of(view, at.step)
     if place is None:
@@ -50,6 +55,22 @@ def _advance(view: View, robot: RobotView, at: Current) -> list[AnyProposal]:
     if done:
         return [FinishStep(scene=scene, order=order, step=at.index, robot=robot.name)]
     return []
+
+
+def _put_off(
+    view: View, robot: RobotView, at: Current | None, withdrawn: set[OrderId]
+) -> list[AnyProposal]:
+    """Say of orders that the robot is not at whether they are suspended, when that changes."""
+    proposals: list[AnyProposal] = []
+    for order in robot.orders:
+        told = order.execution_reject is not None and (
+            order.execution_reject.code == Why.ORDER_SUSPENDED
+        )
+        here = at is not None and at.order.id == order.id
+        if told is not order.suspended and not here and order.id not in withdrawn:
+            code = Why.ORDER_SUSPENDED.value if order.suspended else ""
+            proposals.append(RejectExecution(scene=view.scene.id, order=order.id, code=code))
+    return proposals
 
 
 def _may_act(robot: RobotView) -> bool:
@@ -101,11 +122,15 @@ def _explain(view: View, robot: RobotView, at: Current, now_ms: int) -> list[Any
 def _obstacle(
     view: View, robot: RobotView, at: Current, now_ms: int
 ) -> tuple[Why | None, dict[RobotName, str]]:
+    if view.scene.disabled:
+        return Why.SCENE_DISABLED, {}
     why = trouble(view, robot)
     if why is not None:
         return why, {robot.name: why.value}
     if at.order.fault_reason is not None:
         return None, {}
+    if at.order.suspended:
+        return Why.ORDER_SUSPENDED, {}
     paused = view.scene.config.traffic_paused
     if (not paused and robot.stuck_ms(at.order, now_ms) < STILL_MS) or is_busy(view, robot):
         return None, {}

@@ -6,6 +6,7 @@ from ledger.link import AlarmLevel
 from ledger.state import BinStatus, Order, OrderKind
 from scheduler.dispatch.execution import CHARGE, keeps_robot
 from scheduler.dispatch.reasons import Why
+from scheduler.dispatch.stopped import stopped
 from scheduler.view import RobotView, View
 
 _SERIOUS = frozenset({AlarmLevel.ERROR, AlarmLevel.FATAL})
@@ -25,8 +26,9 @@ def trouble(view: View, robot: RobotView) -> Why | None:
     report = robot.report
     if report is None:  # not heard since we started: nothing is known to be wrong
         return None
-    if report.emergency_stop:
-        return Why.ROBOT_EMERGENCY_STOP
+    why = stopped(robot)
+    if why is not None:
+        return why
     if view.scene.config.pause_on_robot_error and any(a.level in _SERIOUS for a in report.alarms):
         return Why.ROBOT_FAULT
     return None

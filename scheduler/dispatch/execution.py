@@ -11,6 +11,7 @@ from ledger.link import Act, ActionPhase, Cancel
 from ledger.scene import Bin, Value
 from ledger.state import OrderKind, Step
 from scheduler.current import kept_order
+from scheduler.dispatch.stopped import stopped
 from scheduler.goal import Goal
 from scheduler.places import Place
 from scheduler.view import RobotView, View
@@ -96,6 +97,8 @@ def due_action(view: View, robot: RobotView, now_ms: int) -> Act | None:
     at = robot.at
     if at is None or not at.begun or at.order.fault_reason is not None or robot.report is None:
         return None
+    if at.order.suspended or stopped(robot) is not None:
+        return None
     told = robot.report.action
     if told is not None and (told.id == at.attempt or told.phase is ActionPhase.RUNNING):
         return None
@@ -131,12 +134,22 @@ def due_cancel(view: View, robot: RobotView) -> Cancel | None:
     return Cancel(robot=robot.name, id=running)
 
 
+def is_acting(robot: RobotView) -> bool:
+    """Tell whether an action runs, by its own report."""
+    return _running(robot) is not None
+
+
 def is_busy(view: View, robot: RobotView) -> bool:
-    """Tell whether it must neither move nor be pushed: it acts, is about to, or failed at it."""
-    if _running(robot) is not None:
+    """Tell whether it must neither move nor be pushed: it acts, is about to, or failed at it.
+
+    One whose order is suspended may make way meanwhile.
+    """
+    if is_acting(robot):
         return True
     at = robot.at
     if at is None or not at.begun:
+        return False
+    if at.order.suspended and at.order.fault_reason is None:
         return False
     place = place_of(view, at.step)
     if place is None or not view.stands_at(robot, place):
@@ -145,9 +158,12 @@ def is_busy(view: View, robot: RobotView) -> bool:
 
 
 def goal(view: View, robot: RobotView) -> Goal | None:
-    """Give where the robot should go: to the step it is at. A robot without one can be pushed."""
+    """Give where the robot should go: to the step it is at. A robot without one can be pushed.
+
+    None for an order that waits for somebody: to retry it, or to let it go on.
+    """
     at = robot.at
-    if at is None or not at.begun:
+    if at is None or not at.begun or at.order.fault_reason is not None or at.order.suspended:
         return None
     place = place_of(view, at.step)
     if place is None or robot.report is None or robot.report.area != place.area:
@@ -162,7 +178,8 @@ def goals(view: View) -> dict[RobotName, Goal]:
     """Give the goals of all robots that have one; those that may not drive have none."""
     found: dict[RobotName, Goal] = {}
     for name, robot in view.robots.items():
-        if robot.robot.online and not robot.robot.config.disabled:
+        in_service = robot.robot.online and not robot.robot.config.disabled
+        if in_service and stopped(robot) is None:
             wanted = goal(view, robot)
             if wanted is not None:
                 found[name] = wanted

@@ -38,7 +38,7 @@ def avoid(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[AnyP
 
 
 def _idle(view: View, so_far: tuple[AnyProposal, ...]) -> list[RobotView]:
-    if view.scene.disabled:
+    if view.scene.disabled or view.scene.dispatch_paused:
         return []
     taken = engaged(so_far)
     return [

@@ -12,6 +12,9 @@ class Why(StrEnum):
     ROBOT_NOT_WANTED = "RobotNotWanted"  # the order names other robots or groups
     ROBOT_NOT_READY = "RobotNotReady"  # traffic does not know yet where it is
     ROBOT_EMERGENCY_STOP = "RobotEmergencyStop"  # stopped by hand
+    ROBOT_SOFT_STOPPED = "RobotSoftStopped"  # by an operator, or at the robot itself
+    ROBOT_NOT_CONTROLLED = "RobotNotControlled"  # somebody else has control of it, or nobody
+    ROBOT_PAUSED = "RobotPaused"  # told to stay where it is
     ROBOT_FAULT = "RobotFault"  # reports an Error or Fatal alarm (pause_on_robot_error)
     ROBOT_BATTERY_LOW = "RobotBatteryLow"  # below charge_only, or not yet back at charge_ok
     ROBOT_CHARGING = "RobotCharging"  # has charged for less than charging_min_s
@@ -24,6 +27,8 @@ class Why(StrEnum):
     ROBOT_OBSTRUCTED = "RobotObstructed"  # its own sensors see something in the way
     ROBOT_IN_THE_WAY = "RobotInTheWay"  # stands or drives where another wants to go
     LOCATION_UNKNOWN = "LocationUnknown"  # the map has no such point or bin any more
+    ORDER_SUSPENDED = "OrderSuspended"  # somebody holds the order up
+    SCENE_DISABLED = "SceneDisabled"  # taken out of service as a whole
     TRAFFIC_PAUSED = "TrafficPaused"  # traffic_paused is set
 
 
@@ -32,4 +37,6 @@ class NotAssigned(StrEnum):
 
     ALL_ROBOTS = "AllRobotUnDispatchable"  # each robot has its own reason (spec/m4.md)
     NO_ROBOT = "NoRobot"  # the scene has no robots
+    DISPATCH_PAUSED = "DispatchPaused"  # somebody holds up all assignment in the scene
+    ORDER_SUSPENDED = "OrderSuspended"  # somebody holds the order up
     SCENE_DISABLED = "SceneDisabled"

@@ -14,6 +14,7 @@ from ledger.events import (
     OrderWithdrawn,
     RobotConnected,
     RobotDisconnected,
+    RobotGivenUp,
     StepFinished,
     StepStarted,
     stamped,
@@ -28,6 +29,7 @@ from ledger.proposals import (
     DisconnectRobot,
     FaultOrder,
     FinishStep,
+    GiveUpRobot,
     RejectAssignment,
     RejectExecution,
     StartStep,
@@ -85,6 +87,10 @@ class SmallCore:
             return self._connection(p)
         if isinstance(p, CreateSystemOrder):
             return self._system_order(p)
+        if isinstance(p, GiveUpRobot):
+            robot = self.fleet.robots[robot_key(p.scene, p.robot)]
+            check(not robot.online and not robot.given_up, p)
+            return (RobotGivenUp(scene=p.scene, robot=p.robot),)
         check(p.order in self.fleet.orders, p)
         order = self.fleet.orders[p.order]
         header = {"scene": p.scene, "order": p.order}
@@ -132,6 +138,7 @@ class SmallCore:
         order = self.fleet.orders[p.order]
         robot = self.fleet.robots[robot_key(p.scene, p.robot)]
         check(order.status is OrderStatus.TO_BE_ALLOCATED and order.fault_reason is None, p)
+        check(not order.suspended and not self.fleet.scenes[p.scene].dispatch_paused, p)
         check(robot.online and not robot.config.disabled and not robot.off_duty, p)
         system = [o for o in robot.orders if self.fleet.orders[o].kind is not OrderKind.BUSINESS]
         content = robot.bins[p.bin]

@@ -114,6 +114,10 @@ class SmallTraffic:
         self.busy: AbstractSet[RobotName] = frozenset()
         self.goals: Mapping[RobotName, Goal] = {}
         self.last_ms: int | None = None
+        self.tuned: tuple[float, float, int] | None = None
+
+    def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
+        self.tuned = (point_distance_m, path_distance_m, plan_interval_ms)
 
     @property
     def ready(self) -> bool:

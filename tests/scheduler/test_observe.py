@@ -7,12 +7,14 @@ from hypothesis import strategies as st
 from ledger.ids import RobotName, robot_key
 from ledger.proposals import ConnectRobot, DisconnectRobot
 from ledger.scene import RobotConfig
+from ledger.scene_config import SceneConfig
 from ledger.state import Robot
-from scheduler.observe import REPORT_AGE_MS_MAX, Sighting, is_seen, observe
+from scheduler.observe import Sighting, is_seen, lost_after_ms, observe
 from tests.scheduler.small_site import SCENE
 
 NAME = RobotName("A")
 KEY = robot_key(SCENE, NAME)
+SILENT_MS = lost_after_ms(SceneConfig())
 
 
 def robot(*, online: bool) -> Robot:
@@ -33,9 +35,9 @@ def test_what_the_ledger_knows_follows_what_is_seen(
     online: bool, sighting: Sighting | None, now_ms: int
 ) -> None:
     known = {} if sighting is None else {KEY: sighting}
-    long_ago_ms = now_ms - REPORT_AGE_MS_MAX - 1
-    found = observe([robot(online=online)], known, long_ago_ms, now_ms)
-    seen = is_seen(sighting, now_ms)
+    long_ago_ms = now_ms - SILENT_MS - 1
+    found = observe([robot(online=online)], known, SILENT_MS, long_ago_ms, now_ms)
+    seen = is_seen(sighting, SILENT_MS, now_ms)
     if seen == online:
         assert found == ()
     else:
@@ -50,11 +52,20 @@ def test_what_the_ledger_knows_follows_what_is_seen(
 def test_a_robot_answers_if_it_reports_and_its_token_is_not_gone(
     reported_ms: int | None, alive: bool | None, seen: bool
 ) -> None:
-    assert is_seen(Sighting(reported_ms=reported_ms, alive=alive), 5_000) is seen
+    assert is_seen(Sighting(reported_ms=reported_ms, alive=alive), SILENT_MS, 5_000) is seen
 
 
 def test_a_robot_known_from_before_our_start_gets_time_to_speak_up() -> None:
     before = robot(online=True)
-    assert observe([before], {}, 0, REPORT_AGE_MS_MAX) == ()
-    assert len(observe([before], {}, 0, REPORT_AGE_MS_MAX + 1)) == 1
-    assert len(observe([before], {KEY: Sighting(alive=False)}, 0, 1)) == 1
+    assert observe([before], {}, SILENT_MS, 0, SILENT_MS) == ()
+    assert len(observe([before], {}, SILENT_MS, 0, SILENT_MS + 1)) == 1
+    assert len(observe([before], {KEY: Sighting(alive=False)}, SILENT_MS, 0, 1)) == 1
+
+
+@given(st.integers(1, 100), st.integers(10, 60_000))
+def test_one_late_report_loses_nobody_however_the_scene_is_set(missed: int, every_ms: int) -> None:
+    config = SceneConfig(state_failures_to_reconnect=missed, state_fetch_ms=every_ms)
+    silent_ms = lost_after_ms(config)
+    assert silent_ms >= missed * every_ms
+    assert silent_ms > every_ms + 1_000
+    assert lost_after_ms(SceneConfig()) == 10_000
