@@ -12,6 +12,7 @@ from commands import (
     order_suspension,
     orders,
     recovery,
+    resources,
     robot_config,
     robot_duty,
     robots,
@@ -44,6 +45,13 @@ from commands.orders import (
     SealOrders,
 )
 from commands.recovery import RecoverRobots
+from commands.resources import (
+    LapseMapResources,
+    ReleaseAllMapResources,
+    ReleaseMapResources,
+    ReleaseOwnedMapResources,
+    RequestMapResources,
+)
 from commands.robot_config import ReconfigureRobot, ReconfigureRobots
 from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
 from commands.robots import CreateRobots, CreateRobotSeries, RemoveRobots
@@ -67,6 +75,7 @@ from ledger.proposals import (
     FaultOrder,
     FinishStep,
     GiveUpRobot,
+    GrantMapResources,
     RecoverDevice,
     RejectAssignment,
     RejectExecution,
@@ -107,6 +116,13 @@ RobotCommand: TypeAlias = (
     | RecoverRobots
 )
 DeviceCommand: TypeAlias = OpenDoors | CloseDoors | KeepDoorsOpen | KeepLiftOpen | LetLiftGo
+ResourceCommand: TypeAlias = (
+    RequestMapResources
+    | LapseMapResources
+    | ReleaseMapResources
+    | ReleaseOwnedMapResources
+    | ReleaseAllMapResources
+)
 SceneCommand: TypeAlias = (
     ImportScene
     | CreateScene
@@ -118,7 +134,9 @@ SceneCommand: TypeAlias = (
     | ConfigureCallbacks
     | GiveUpCallback
 )
-AnyCommand: TypeAlias = OrderCommand | RobotCommand | DeviceCommand | SceneCommand | RecordAccess
+AnyCommand: TypeAlias = (
+    OrderCommand | RobotCommand | DeviceCommand | ResourceCommand | SceneCommand | RecordAccess
+)
 
 
 def decide(fleet: Fleet, command: AnyCommand) -> Decision:
@@ -129,6 +147,8 @@ def decide(fleet: Fleet, command: AnyCommand) -> Decision:
         return _of_robot(fleet, command)
     if isinstance(command, DeviceCommand):
         return _of_device(fleet, command)
+    if isinstance(command, ResourceCommand):
+        return _of_resource(fleet, command)
     if isinstance(command, RecordAccess):
         return access.record(fleet, command)
     return _of_scene(fleet, command)
@@ -216,6 +236,22 @@ def _of_device(fleet: Fleet, command: DeviceCommand) -> Decision:
             assert_never(command)
 
 
+def _of_resource(fleet: Fleet, command: ResourceCommand) -> Decision:
+    match command:
+        case RequestMapResources():
+            return resources.request(fleet, command)
+        case LapseMapResources():
+            return resources.lapse(fleet, command)
+        case ReleaseMapResources():
+            return resources.release(fleet, command)
+        case ReleaseOwnedMapResources():
+            return resources.release_owned(fleet, command)
+        case ReleaseAllMapResources():
+            return resources.release_all(fleet, command)
+        case _:
+            assert_never(command)
+
+
 def _of_scene(fleet: Fleet, command: SceneCommand) -> Decision:
     match command:
         case ImportScene():
@@ -265,6 +301,8 @@ def decide_proposal(fleet: Fleet, proposal: AnyProposal, at_ms: int) -> Events:
             return execution.disconnect(fleet, proposal)
         case GiveUpRobot():
             return execution.give_up(fleet, proposal)
+        case GrantMapResources():
+            return resources.grant(fleet, proposal, at_ms)
         case FaultDevice():
             return devices.fault(fleet, proposal)
         case RecoverDevice():

@@ -5,13 +5,13 @@ import random
 import secrets
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
+from ssl import SSLContext
 
 import structlog
-import uvicorn
 from prometheus_client import Gauge
 from starlette.types import ASGIApp
 
@@ -23,6 +23,7 @@ import replay.api
 from commands.api.m4_scene_config import wire
 from commands.handle import Handler
 from commands.imports.scene_json import read_scene
+from commands.resources import LapseMapResources
 from commands.scenes import ImportScene, scene_digest
 from fleetledger.access import api as access_api
 from fleetledger.access.file import FIRST_APP
@@ -35,6 +36,7 @@ from fleetledger.config import Auth, Settings
 from fleetledger.durability import Durability
 from fleetledger.http import ThinRoute
 from fleetledger.intake import Intake
+from fleetledger.listening import served, tls_of
 from fleetledger.processes import Child
 from fleetledger.proposing import responder
 from fleetledger.secrets import Secrets
@@ -51,6 +53,8 @@ from ledger.telemetry import CHUNK_MS, TelemetryLog
 from ledger.telemetry_read import plans_at, reports_at
 from ledger.zenoh_bus import ZenohBus
 from projections.api.m4_scene_query import Beside, SceneQueries
+from projections.claims import WAIT_S as CLAIM_WAIT_S
+from projections.claims import ClaimWatch
 from projections.find import Find
 from projections.history import History
 from projections.live import Live
@@ -63,11 +67,9 @@ log = structlog.get_logger()
 
 POSITION = Gauge("fleetledger_ledger_position", "Newest position on disk")
 LIVE_ORDERS = Gauge("fleetledger_live_orders", "Orders not finished")
-BACKLOG = 2048
+CLAIM_WAIT_REAL_S_MIN = 0.5  # for the scheduler's own pace, however fast the clock is
 SWITCH_S = 0.0005  # the committer, back from the disk, would wait 5 ms for a busy event loop
 COPY_S_MAX = 5.0  # a loop that is stopping answers nobody
-KEEP_ALIVE_S = 65
-STOP_REQUESTS_S = 1  # for requests under way when told to stop; 5 s in all (contract)
 
 
 _ids = random.Random(secrets.randbits(256))
@@ -97,6 +99,8 @@ class Core:
         self.clock = Clock.start(max(fleet.at_ms + 1, kept_ms), settings.speed)
         self.handler = Handler(fleet, self.ledger, self.clock.now_ms, new_id)
         self.live = Live(fleet.copy())
+        wait_s = max(CLAIM_WAIT_S / settings.speed, CLAIM_WAIT_REAL_S_MIN)
+        self.claims = ClaimWatch(self.live.fleet.claims, wait_s)
         self.history = History(settings.data / "history.duckdb", self.live)
         self.callbacks = Callbacks(settings.data, self.handler, self.ledger, self.secrets)
         self.reader = Reader(self.history.cursor, self.history.damaged)
@@ -108,6 +112,7 @@ class Core:
 
     def _apply(self, events: Sequence[AnyEvent]) -> None:
         self.live.apply(events)
+        self.claims.apply(events)
         self.history.follow(events)
         POSITION.set(self.live.position)
         LIVE_ORDERS.set(len(self.live.fleet.orders))
@@ -119,6 +124,11 @@ class Core:
     def keep_gateway_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
         """Keep what robots' gateways ask for; on disk when this returns."""
         self.secrets.put_all({f"gateway/{scene}/{name}": s for name, s in secrets.items()})
+
+    def logs_messages_of(self, scene: SceneId) -> bool:
+        """Tell whether what robots of a scene say is to be kept; called on the event loop."""
+        found = self.live.fleet.scenes.get(scene)
+        return found is None or not found.config.robot_message_log_off
 
     def visible_fleet(self) -> Fleet:
         """Give a copy of what queries see; called on the bus's threads."""
@@ -146,6 +156,11 @@ class Core:
         await self.durability.reached(decision.position)
         log.info("scene", id=decision.made, name=file.name, events=len(decision.events))
 
+    async def forget_askers(self) -> None:
+        """Give up the ground that callers from before this start had asked for: they have gone."""
+        command = LapseMapResources(id=CommandId(new_id()), by="serve", at_ms=self.clock.now_ms())
+        await self.durability.reached(self.handler.handle(command).position)
+
     async def close(self) -> None:
         """Write what is queued, keep a snapshot for a quick start, and let the folder go."""
         if self._snapshot is not None:
@@ -164,6 +179,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
     `ready` is called with host and port once requests are answered.
     """
     loop = asyncio.get_running_loop()
+    tls = tls_of(settings)
     core = Core(settings, loop)
     failures: list[LedgerError] = []
 
@@ -181,6 +197,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         await asyncio.to_thread(core.callbacks.start, core.ledger.read, fleet_at, newest)
         for path in settings.scene:
             await core.import_scene(path)
+        await core.forget_askers()
         access = await _access(stack, core, settings)
         telemetry = TelemetryLog(
             settings.telemetry, chunk_ms=int(CHUNK_MS * max(1.0, settings.speed))
@@ -189,14 +206,15 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
         bus = ZenohBus(endpoint, ())
         stack.callback(bus.close)
-        intake = Intake(bus, loop, telemetry, core.live.observe, core.live.intend)
+        live = core.live
+        intake = Intake(bus, loop, telemetry, live.observe, live.intend, core.logs_messages_of)
         intake.start()
         stack.callback(intake.stop)
         FeedServer(bus, core.ledger, core.visible_fleet)
         bus.respond(PROPOSE_KEY, responder(core.handler, core.ledger))
         app = _api(core, settings, access)
-        port = await stack.enter_async_context(_served(app, settings.host, settings.port))
-        await _serve_rdscore(stack, core, settings)
+        port = await stack.enter_async_context(served(app, settings.host, settings.port, tls))
+        await _serve_rdscore(stack, core, settings, tls)
         for child in _children(settings, core.clock, endpoint):
             await child.start()
             stack.push_async_callback(child.stop)
@@ -271,7 +289,11 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
     routers = (
         access_api.router(access),
         commands.api.m4.router(
-            core.handler, core.durability.reached, ThinRoute, core.keep_gateway_secrets
+            core.handler,
+            core.durability.reached,
+            ThinRoute,
+            core.keep_gateway_secrets,
+            core.claims.granted,
         ),
         commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute),
         projections.api.m4.router(queries, ThinRoute),
@@ -287,65 +309,17 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
     )
 
 
-async def _serve_rdscore(stack: AsyncExitStack, core: Core, settings: Settings) -> None:
+async def _serve_rdscore(
+    stack: AsyncExitStack, core: Core, settings: Settings, tls: SSLContext | None
+) -> None:
     """Serve RDSCore's HTTP on its port and its WebSocket one higher, as 8088 and 8089 are."""
     if settings.rdscore_port is None:
         return
     app = projections.api.rdscore.app(core.live, core.clock.now_ms)
-    http = await stack.enter_async_context(_served(app, settings.host, settings.rdscore_port))
+    http = await stack.enter_async_context(served(app, settings.host, settings.rdscore_port, tls))
     ws = 0 if settings.rdscore_port == 0 else settings.rdscore_port + 1
-    websocket = await stack.enter_async_context(_served(app, settings.host, ws))
+    websocket = await stack.enter_async_context(served(app, settings.host, ws, tls))
     log.info("rdscore dialect", http_port=http, websocket_port=websocket)
-
-
-@asynccontextmanager
-async def _served(app: ASGIApp, host: str, port: int) -> AsyncIterator[int]:
-    """Serve an application; gives the port, which is free to choose where 0 was asked."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((host, port))
-    except OSError as trouble:
-        listener.close()
-        words = f"Cannot listen on {host}:{port}: {trouble.strerror}. Choose another port."
-        raise Refused("errCannotListen", words, host, port) from trouble
-    config = uvicorn.Config(
-        app,
-        log_config=None,
-        access_log=False,
-        backlog=BACKLOG,
-        timeout_keep_alive=KEEP_ALIVE_S,
-        timeout_graceful_shutdown=STOP_REQUESTS_S,
-        ws_per_message_deflate=False,  # it compresses per client: 24 ms a frame (measured)
-        server_header=False,
-        proxy_headers=False,
-        lifespan="off",
-    )
-    server = _Server(config)
-    serving = asyncio.create_task(server.serve([listener]))
-    await server.up.wait()
-    try:
-        yield listener.getsockname()[1]
-    finally:
-        server.should_exit = True
-        await serving
-
-
-class _Server(uvicorn.Server):
-    """uvicorn that says when it is up, and leaves signals to the front door."""
-
-    def __init__(self, config: uvicorn.Config) -> None:
-        super().__init__(config)
-        self.up = asyncio.Event()
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets=sockets)
-        self.up.set()
-
-    @contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
 
 
 def _children(settings: Settings, clock: Clock, core: str) -> list[Child]:

@@ -193,6 +193,7 @@ class Space(Value, frozen=True, kw_only=True):
     points: tuple[XY, ...]
 
 
+DOOR = "door:"  # before the name of a door, where robots' names stand too
 EXTERNAL = "external:"  # before the owner of reserved ground, where robots' names stand too
 
 
@@ -206,7 +207,7 @@ class Plan(Value, frozen=True, kw_only=True):
     target: PointName | None = None
     untravelled: tuple[PathKey, ...] = ()  # paths still to be driven
     spaces: tuple[Space, ...] = ()  # cells it holds now
-    blocked_by: tuple[RobotName, ...] = ()  # and EXTERNAL with the owner of reserved ground
+    blocked_by: tuple[RobotName, ...] = ()  # and EXTERNAL with its owner, DOOR with its name
     commit: int = 0  # number of its newest committed move, 0 = none
     moving: bool = False
 

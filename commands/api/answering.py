@@ -22,6 +22,7 @@ DIGEST_INLINE_BYTES_MAX = 1_000_000  # hashing more than this would hold up ever
 
 Durable = Callable[[int], Awaitable[None]]  # waits until a position is on disk and visible
 Words = Callable[[Decision], bytes]  # the body of the answer to what was decided
+Later = Callable[[Decision], Awaitable[bytes]]  # the same, once something has come of it
 
 KEY_PARAMETER: dict[str, Any] = {
     "name": KEY_HEADER,
@@ -92,6 +93,33 @@ class Answering:
 
         digest = await _digest(request)
         answered = self.handler.handle_once(command, digest, reply)
+        await self._durable(answered.position)
+        given = answered.reply
+        return _response(given.status, given.body.encode(), answered.position)
+
+    async def answer_later(
+        self, request: Request, command: AnyCommand, later: Later, nothing_more: AnyCommand
+    ) -> Response:
+        """Decide, wait until it is on disk and for what comes of it, and answer that.
+
+        A repeated key gets the first answer here too. As that is known only now, it is kept beside
+        a command of the same id that changes nothing; what a crash leaves unanswered is done anew.
+        """
+        if KEY_HEADER not in request.headers:
+            decision = self.handler.handle(command)
+            await self._durable(decision.position)
+            body = await later(decision)
+            return _response(200, body, await self.settled())
+        digest = await _digest(request)
+        reply = Reply(status=200, body="")
+        if self.handler.answered(command.id, digest) is None:
+            try:
+                decision = self.handler.handle(command)
+                await self._durable(decision.position)
+                reply = Reply(status=200, body=(await later(decision)).decode())
+            except Rejected as no:
+                reply = Reply(status=no.status, body=_refusal(no))
+        answered = self.handler.handle_once(nothing_more, digest, lambda _: reply)
         await self._durable(answered.position)
         given = answered.reply
         return _response(given.status, given.body.encode(), answered.position)

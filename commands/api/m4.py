@@ -6,6 +6,7 @@ from fastapi.routing import APIRoute
 from commands.api.answering import Answering, Durable
 from commands.api.m4_devices import DeviceCalls
 from commands.api.m4_order_calls import OrderCalls
+from commands.api.m4_resources import ResourceCalls, Watch
 from commands.api.m4_robot_calls import KeepSecrets, RobotCalls
 from commands.api.m4_robot_instructions import InstructionCalls
 from commands.handle import Handler
@@ -16,11 +17,12 @@ def router(
     durable: Durable,
     route_class: type[APIRoute],
     keep_secrets: KeepSecrets,
+    watch: Watch,
 ) -> APIRouter:
     """Give the calls that change something.
 
     The route class hands an endpoint its Request and its checked body and passes the Response on;
-    `request.state.user` must hold the caller's name.
+    `request.state.user` must hold the caller's name. `watch` waits until reservations are granted.
     """
     calls = APIRouter(route_class=route_class)
     answering = Answering(handler, durable)
@@ -28,4 +30,5 @@ def router(
     RobotCalls(answering, keep_secrets).join(calls)
     InstructionCalls(answering).join(calls)
     DeviceCalls(answering).join(calls)
+    ResourceCalls(answering, watch).join(calls)
     return calls

@@ -12,10 +12,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 import commands.api.m4
 import commands.api.scenes
+from commands.api.m4_resources import Watch
 from commands.handle import Handler
 from fleetledger.http import ThinRoute, install_errors
 from ledger.events import AnyEvent, stamped
-from ledger.ids import CommandId, RobotName, SceneId
+from ledger.ids import CommandId, RobotName, SceneId, UnitId
 from ledger.store import MemoryLedger
 from tests.commands.site import opened
 from tests.scenario import STORY_MS, happened
@@ -31,6 +32,10 @@ class AsUser:
         if scope["type"] == "http":
             scope.setdefault("state", {})["user"] = Request(scope).headers.get("user", "alice")
         await self._app(scope, receive, send)
+
+
+async def _in_vain(units: Sequence[UnitId]) -> bool:
+    return False
 
 
 class Site:
@@ -50,8 +55,11 @@ class Site:
         install_errors(self.app)
         self.secrets: dict[tuple[SceneId, RobotName], str] = {}
         self.app.include_router(
-            commands.api.m4.router(self.handler, self.durable, ThinRoute, self.keep_secrets)
+            commands.api.m4.router(
+                self.handler, self.durable, ThinRoute, self.keep_secrets, lambda u: self.watch(u)
+            )
         )
+        self.watch: Watch = _in_vain  # how it ends that somebody waits for ground
         self.app.include_router(commands.api.scenes.router(self.handler, self.durable, ThinRoute))
 
     def keep_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:

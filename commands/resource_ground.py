@@ -1,0 +1,75 @@
+"""The ground that an external reservation means, as polygons (spec/m4.md, MapResourceUnit)."""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from ledger.ids import UnitId
+from ledger.scene import XY, Area, Path, Point
+from ledger.state import MapUnit
+
+AROUND_M = 0.05  # reserved on each side of a point (a square) and of a path
+SAMPLES = 65  # positions on a curved path
+OVERLAP_M2 = 1e-9  # polygons that only touch share less than this
+AREA_M2_MIN = 1e-6
+REMEMBERED_MAX = 10_000
+
+Polygons: TypeAlias = npt.NDArray[Any]  # of shapely polygons
+
+_remembered: dict[UnitId, tuple[MapUnit, Area, Polygons]] = {}
+
+
+def fault_of(ring: tuple[XY, ...]) -> str | None:
+    """Say what keeps these vertices from being the outline of a piece of ground; None = nothing."""
+    polygon = shapely.Polygon(ring)
+    if not polygon.is_valid:
+        return f"its outline is not simple ({shapely.is_valid_reason(polygon)})"
+    return None if polygon.area >= AREA_M2_MIN else "it has no area"
+
+
+def ground_of(area: Area, unit: MapUnit) -> Polygons:
+    """Give the polygons of a unit; names that a newer map has not any more stand for no ground.
+
+    Remembered by identity: what is held is compared with all that is asked for.
+    """
+    known = _remembered.get(unit.id)
+    if known is not None and known[0] is unit and known[1] is area:
+        return known[2]
+    at: dict[str, Point] = {point.name: point for point in area.points}
+    lanes: dict[str, Path] = {path.key: path for path in area.paths}
+    found = [_square(at[name]) for name in unit.points if name in at]
+    found += [_lane(at, lanes[key]) for key in unit.paths if key in lanes]
+    found += [shapely.Polygon(ring) for ring in unit.zones]
+    polygons = np.array(found, dtype=object)
+    while len(_remembered) >= REMEMBERED_MAX:
+        _remembered.pop(next(iter(_remembered)), None)
+    _remembered[unit.id] = (unit, area, polygons)
+    return polygons
+
+
+def overlap(new: Polygons, held: Polygons) -> int | None:
+    """Give the index of the first held polygon that shares ground with a new one."""
+    if not len(new) or not len(held):
+        return None
+    wanted, others = shapely.STRtree(held).query(new, predicate="intersects")
+    shared = shapely.area(shapely.intersection(new[wanted], held[others])) > OVERLAP_M2
+    return int(others[shared].min()) if shared.any() else None
+
+
+def _square(point: Point) -> shapely.Polygon:
+    x, y = point.x_m, point.y_m
+    return shapely.box(x - AROUND_M, y - AROUND_M, x + AROUND_M, y + AROUND_M)
+
+
+def _lane(at: dict[str, Point], path: Path) -> shapely.Polygon:
+    first, last = at[path.start], at[path.end]
+    controls = ((first.x_m, first.y_m), *path.controls, (last.x_m, last.y_m))
+    samples = SAMPLES if path.controls else 2
+    level = np.repeat(np.array(controls)[None], samples, axis=0)
+    share = np.linspace(0.0, 1.0, samples)[:, None, None]
+    while level.shape[1] > 1:
+        level = level[:, :-1] * (1 - share) + level[:, 1:] * share
+    outline = shapely.LineString(level[:, 0]).buffer(AROUND_M)
+    return shapely.Polygon(outline.exterior)
