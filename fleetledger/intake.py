@@ -9,6 +9,7 @@ import msgspec
 import structlog
 
 from ledger.bus import Bus
+from ledger.ids import SceneId
 from ledger.link import Plan, Report
 
 log = structlog.get_logger()
@@ -40,12 +41,17 @@ class Intake:
         telemetry: Log,
         observe: Callable[[Report], None],
         intend: Callable[[Plan], None],
+        logged: Callable[[SceneId], bool] = lambda scene: True,
     ) -> None:
-        """Take where messages come from and where they go."""
+        """Take where messages come from and where they go, and which scenes' are written down.
+
+        `logged` is asked on the event loop for every message (robot_message_log_off).
+        """
         self._loop = loop
         self._telemetry = telemetry
         self._observe = observe
         self._intend = intend
+        self._logged = logged
         self._lock = threading.Lock()
         self._raw: list[tuple[bool, bytes]] = []  # is a report, payload
         self._woken = False
@@ -78,11 +84,13 @@ class Intake:
                 if is_report:
                     report = _report.decode(payload)
                     self._observe(report)
-                    self._reports[f"{report.scene}/{report.robot}"] = report
+                    if self._logged(report.scene):
+                        self._reports[f"{report.scene}/{report.robot}"] = report
                 else:
                     for plan in _plans.decode(payload):
                         self._intend(plan)
-                        self._planned[f"{plan.scene}/{plan.robot}"] = plan
+                        if self._logged(plan.scene):
+                            self._planned[f"{plan.scene}/{plan.robot}"] = plan
             except msgspec.ValidationError as trouble:
                 log.warning("message dropped", reason=str(trouble), report=is_report)
 
