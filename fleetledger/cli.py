@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from pydantic import ValidationError
-from rich.console import Console
-from rich.markup import escape
 
+from fleetledger.cli_access import access_app
 from fleetledger.config import Auth, Format, Settings
-from ledger.errors import LedgerError, Refused
+from fleetledger.telling import told
 
 # `serving` and `offline` are imported where they are used: between them they know every package,
 # Rerun's and DuckDB's too, and a child process or `--help` should not pay for that.
@@ -33,7 +31,7 @@ scene_app = typer.Typer(
 app.add_typer(scene_app, name="scene")
 role_app = typer.Typer(hidden=True, help="Single roles, for processes of their own.")
 app.add_typer(role_app, name="role")
-errors = Console(stderr=True)
+app.add_typer(access_app, name="access")
 
 Data = Annotated[
     Path, typer.Option(help="Folder of ledger, telemetry and caches; made if missing.")
@@ -62,7 +60,7 @@ def demo(
     No keys are asked for, since it listens on this machine only. Ctrl-C stops everything.
     """
     rate = orders_per_minute if orders_per_minute is not None else robots * 2 / 3
-    with _told():
+    with told():
         from fleetledger import serving
 
         code = serving.demo(
@@ -91,6 +89,10 @@ def serve(
         int | None,
         typer.Option(help="Serve RDSCore's robotsStatus: HTTP here, WebSocket one port higher."),
     ] = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="Serve HTTPS: PEM file of the certificate chain.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="PEM file of the certificate's key.")] = None,
     log_json: Annotated[bool | None, typer.Option("--log-json", help="Logs as JSON.")] = None,
     more_scenes: Annotated[
         list[Path] | None, typer.Argument(hidden=True, help="So that --scene takes several.")
@@ -98,10 +100,11 @@ def serve(
 ) -> None:
     """Serve the APIs, run the scheduler, and write every event to the ledger.
 
-    Prints `ready http://HOST:PORT` on standard output once it answers; logs go to standard error.
+    Prints `ready http://HOST:PORT` on standard output once it answers (`https://` with TLS); logs
+    go to standard error.
     Every option can stand in DATA/config.toml or in a FLEETLEDGER_… variable as well.
     """
-    with _told():
+    with told():
         settings = Settings.load(
             data,
             host=host,
@@ -112,6 +115,8 @@ def serve(
             speed=speed,
             seed=seed,
             rdscore_port=rdscore_port,
+            tls_cert=tls_cert,
+            tls_key=tls_key,
             log_json=log_json,
         )
         from fleetledger import serving
@@ -133,7 +138,7 @@ def scene_import(
     ] = None,
 ) -> None:
     """Translate a map into a scene file for `serve --scene`. Names survive unchanged."""
-    with _told():
+    with told():
         from fleetledger import offline
 
         offline.import_scene(file, output, name=name, robots=robots, robot_group=robot_group)
@@ -144,7 +149,7 @@ def scene_check(
     file: Annotated[Path, typer.Argument(help="Scene file.", exists=True)],
 ) -> None:
     """Say in words what a planner would trip over; exit 1 if the scene is unusable."""
-    with _told():
+    with told():
         from fleetledger import offline
 
         raise typer.Exit(0 if offline.check_scene(file) else 1)
@@ -157,7 +162,7 @@ def scene_generate(
     seed: Annotated[int, typer.Option(help="Same seed, same warehouse.")] = 1,
 ) -> None:
     """Write a generated warehouse with room for so many simulated robots."""
-    with _told():
+    with told():
         from fleetledger import offline
 
         offline.generate_scene(output, robots=robots, seed=seed)
@@ -166,7 +171,7 @@ def scene_generate(
 @app.command()
 def verify(data: Folder) -> None:
     """Check every segment, checksum, position and snapshot; exit 1 on damage."""
-    with _told():
+    with told():
         from fleetledger import offline
 
         raise typer.Exit(0 if offline.verify(data) else 1)
@@ -185,7 +190,7 @@ def replay(
     ] = False,
 ) -> None:
     """Show the state at any past moment: orders as they were, robots where they stood."""
-    with _told():
+    with told():
         from fleetledger import offline
 
         offline.replay(data, at=at, scene=scene, as_json=as_json, rerun=rerun)
@@ -200,7 +205,7 @@ def export(
     until: Annotated[str | None, typer.Option("--to", help="Last moment.")] = None,
 ) -> None:
     """Write a stretch of history as a Rerun recording."""
-    with _told():
+    with told():
         from fleetledger import offline
 
         offline.export(data, rrd, scene=scene, since=since, until=until)
@@ -213,7 +218,7 @@ def sql(
     form: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.TABLE,
 ) -> None:
     """Ask the history in SQL: views `orders`, `steps`, `events` and `robots`; read-only."""
-    with _told():
+    with told():
         from fleetledger import offline
 
         offline.sql(data, statement, form)
@@ -227,7 +232,7 @@ ClockText = Annotated[str, typer.Option(help="The core's clock.")]
 @role_app.command("scheduler")
 def role_scheduler(listen: Listen, connect: Connect, clock: ClockText, data: Data) -> None:
     """Plan and dispatch; ends when standard input closes."""
-    with _told():
+    with told():
         from fleetledger import children
 
         children.run_scheduler(listen, connect, clock, data)
@@ -241,7 +246,7 @@ def role_sim(
     seed: Annotated[int, typer.Option(help="Seed of everything random.")],
 ) -> None:
     """Be the simulated robots; ends when standard input closes."""
-    with _told():
+    with told():
         from fleetledger import children
 
         children.run_sim(connect, clock, data, seed)
@@ -252,31 +257,6 @@ def _leave(code: int) -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
-
-
-class _told:
-    """Say expected trouble in one line with a hint, and exit 2; bugs keep their traceback."""
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, trouble: BaseException | None, trace: object) -> None:
-        if isinstance(trouble, LedgerError):
-            errors.print(
-                f"[red]{type(trouble).__name__}[/]: {escape(str(trouble))}\n{trouble.hint}"
-            )
-        elif isinstance(trouble, Refused):
-            errors.print(f"[red]{trouble.code}[/]: {escape(trouble.message)}")
-        elif isinstance(trouble, OSError) and trouble.filename is not None:
-            errors.print(f"[red]{trouble.strerror}[/]: {escape(str(trouble.filename))}")
-        elif isinstance(trouble, ValidationError):
-            for fault in trouble.errors():
-                name = ".".join(str(part) for part in fault["loc"]) or "options"
-                words = fault["msg"].removeprefix("Value error, ")
-                errors.print(f"[red]{name}[/]: {escape(words)}")
-        else:
-            return
-        raise typer.Exit(2)
 
 
 def main() -> None:

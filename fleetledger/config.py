@@ -47,6 +47,8 @@ class Settings(BaseSettings):
     seed: int = 1
     rdscore_port: int | None = Field(None, ge=0, le=65534)
     snapshot_events: int = Field(EVENTS_APART, ge=1000, description="Events between two snapshots.")
+    tls_cert: Path | None = Field(None, description="PEM file of the certificate chain.")
+    tls_key: Path | None = Field(None, description="PEM file of its key.")
     log_json: bool = False
 
     @model_validator(mode="after")
@@ -58,6 +60,18 @@ class Settings(BaseSettings):
                 "use --auth keys, or --host 127.0.0.1"
             )
         return self
+
+    @model_validator(mode="after")
+    def tls_needs_both_files(self) -> "Settings":
+        """A certificate without its key must not end in plain HTTP."""
+        if (self.tls_cert is None) is not (self.tls_key is None):
+            raise ValueError("--tls-cert and --tls-key belong together: give both, or none")
+        return self
+
+    @property
+    def scheme(self) -> str:
+        """How URLs of this server begin."""
+        return "http" if self.tls_cert is None else "https"
 
     @property
     def ledger(self) -> Path:

@@ -24,7 +24,7 @@ def serve(settings: Settings, started: Callable[[str, int], None] | None = None)
     configure(process="core", as_json=settings.log_json)
 
     def ready(host: str, port: int) -> None:
-        sys.stdout.write(f"ready http://{host}:{port}\n")
+        sys.stdout.write(f"ready {settings.scheme}://{host}:{port}\n")
         sys.stdout.flush()
         if started is not None:
             started(host, port)

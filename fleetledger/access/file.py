@@ -59,6 +59,8 @@ class AccessFile:
         with self._lock, held(self.path):
             before = self._read()
             after, event = change(before)
+            if event is None:
+                return before
             if len(after.untold) >= UNTOLD_MAX:
                 words = "Too many changes wait to be told to the ledger: start the server first."
                 raise Refused("errTooMany", words, UNTOLD_MAX)

@@ -69,13 +69,13 @@ class Registry(Value, frozen=True, kw_only=True):
     untold: tuple[Told, ...] = ()  # changes that the ledger does not have yet
 
 
-Change: TypeAlias = Callable[[Registry], tuple[Registry, AccessEvent]]
+Change: TypeAlias = Callable[[Registry], tuple[Registry, AccessEvent | None]]  # None = no change
 
 
 def user_added(name: str, role: Role, password: str, stamp: str) -> Change:
     """Let a person sign in; `password` is its hash."""
 
-    def change(registry: Registry) -> tuple[Registry, AccessEvent]:
+    def change(registry: Registry) -> tuple[Registry, AccessEvent | None]:
         _check_new(registry, name, "username")
         if len(registry.users) >= USERS_MAX:
             raise Refused("errTooMany", f"There are {USERS_MAX} users already.", USERS_MAX)
@@ -97,15 +97,17 @@ def user_changed(
 ) -> Change:
     """Change what is not None; a new password, or being disabled, ends the person's sessions."""
 
-    def change(registry: Registry) -> tuple[Registry, AccessEvent]:
+    def change(registry: Registry) -> tuple[Registry, AccessEvent | None]:
         before = known_user(registry, name)
         after = msgspec.structs.replace(
             before,
             role=role or before.role,
             password=password or before.password,
             disabled=before.disabled if disabled is None else disabled,
-            stamp=stamp if password or disabled else before.stamp,
+            stamp=stamp if password or (disabled and not before.disabled) else before.stamp,
         )
+        if after == before:
+            return registry, None
         changed = msgspec.structs.replace(registry, users={**registry.users, name: after})
         _check_admin_left(registry, changed)
         event = UserChanged(
@@ -123,7 +125,7 @@ def user_changed(
 def user_removed(name: str) -> Change:
     """Take a person out; the sessions end."""
 
-    def change(registry: Registry) -> tuple[Registry, AccessEvent]:
+    def change(registry: Registry) -> tuple[Registry, AccessEvent | None]:
         known_user(registry, name)
         users = {n: user for n, user in registry.users.items() if n != name}
         changed = msgspec.structs.replace(registry, users=users)
@@ -136,7 +138,7 @@ def user_removed(name: str) -> Change:
 def key_added(app: str, role: Role, digest: str) -> Change:
     """Let a machine client call."""
 
-    def change(registry: Registry) -> tuple[Registry, AccessEvent]:
+    def change(registry: Registry) -> tuple[Registry, AccessEvent | None]:
         _check_new(registry, app, "appId")
         if len(registry.keys) >= KEYS_MAX:
             raise Refused("errTooMany", f"There are {KEYS_MAX} key pairs already.", KEYS_MAX)
@@ -150,7 +152,7 @@ def key_added(app: str, role: Role, digest: str) -> Change:
 def key_rotated(app: str, digest: str, old_until_ms: int) -> Change:
     """Give a client another key; the one before stays good until then, older ones do not."""
 
-    def change(registry: Registry) -> tuple[Registry, AccessEvent]:
+    def change(registry: Registry) -> tuple[Registry, AccessEvent | None]:
         before = _known_key(registry, app)
         old = OldKey(digest=before.digest, until_ms=old_until_ms)
         keys = {**registry.keys, app: Key(role=before.role, digest=digest, old=old)}
@@ -163,7 +165,7 @@ def key_rotated(app: str, digest: str, old_until_ms: int) -> Change:
 def key_removed(app: str) -> Change:
     """Take a key pair back, the old key too."""
 
-    def change(registry: Registry) -> tuple[Registry, AccessEvent]:
+    def change(registry: Registry) -> tuple[Registry, AccessEvent | None]:
         _known_key(registry, app)
         keys = {id_: key for id_, key in registry.keys.items() if id_ != app}
         changed = msgspec.structs.replace(registry, keys=keys)

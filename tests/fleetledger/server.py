@@ -124,7 +124,7 @@ def started(command_line: list[str], data: Path) -> Iterator[Server]:
         assert process.stdout is not None
         assert select.select([process.stdout], [], [], START_S_MAX)[0], "it said nothing"
         line = process.stdout.readline()
-        assert line.startswith("ready http://"), log.read_text()[-2000:]
+        assert line.startswith(("ready http://", "ready https://")), log.read_text()[-2000:]
         server = Server(process, data, log, line)
         try:
             yield server

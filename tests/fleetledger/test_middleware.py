@@ -17,7 +17,7 @@ from fleetledger.http import BODY_BYTES_MAX, ThinRoute
 from fleetledger.middleware import HEAD_BYTES_MAX
 from ledger.errors import Refused
 from ledger.events import AccessRefused, Role
-from tests.fleetledger.doors import Doors
+from tests.fleetledger.access.doors import Doors
 
 
 class Greeting(BaseModel):
