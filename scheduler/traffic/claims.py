@@ -172,6 +172,10 @@ class Claims:
         self.roadmap = copy.copy(self._open)
         self.roadmap.pockets = found
 
+    def ways_changed(self) -> None:
+        """The costs of the open map are others now."""
+        self._closed_costs.clear()
+
     # -- what they close, and for whom
 
     def closure(self, ids: Ids) -> Closure:

@@ -66,11 +66,13 @@ class Costs:
         self._lay(np.ones(len(self._edges.move), dtype=bool))
 
     def closed(self, moves: Set[int], turns: Set[int]) -> "Costs":
-        """The same without these moves, and without turning on these points."""
+        """The same without these moves as well, and without turning on these points."""
         found, edges = copy.copy(self), self._edges
-        found.closed_moves, found._closed_turns = frozenset(moves), frozenset(turns)
-        shut = np.isin(edges.move, sorted(moves))
-        shut |= np.isin(edges.departure, sorted(turns)) | np.isin(edges.arrival, sorted(turns))
+        found.closed_moves = self.closed_moves.union(moves)
+        found._closed_turns = self._closed_turns.union(turns)
+        closed = sorted(found._closed_turns)
+        shut = np.isin(edges.move, sorted(found.closed_moves))
+        shut |= np.isin(edges.departure, closed) | np.isin(edges.arrival, closed)
         found._lay(~shut)
         return found
 

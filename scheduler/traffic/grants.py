@@ -124,6 +124,10 @@ class Grants:
 
     # -- promising
 
+    def promised(self, cell: int) -> list[str]:
+        """Who is promised exactly this cell."""
+        return [name for _, name in self._promises.get(cell, ())]
+
     def promise(self, cell: int, owner: str, commit: int) -> None:
         """Queue for a cell; most promises are the newest, so they go to the end."""
         queue = self._promises.setdefault(cell, [])

@@ -4,7 +4,7 @@ from collections.abc import Container
 from itertools import islice
 
 from ledger.ids import RobotName, SceneId
-from ledger.link import EXTERNAL, Plan, Space
+from ledger.link import DOOR, EXTERNAL, Plan, Space
 from scheduler.goal import Goal
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.roadmap import Roadmap
@@ -22,12 +22,20 @@ class Shown:
         self._grants = grants
         self._spaces: dict[int, Space] = {}  # of compiled cells
 
-    def plan(self, track: Track, goal: Goal | None, robots: Container[str], now_ms: int) -> Plan:
+    def plan(
+        self,
+        track: Track,
+        goal: Goal | None,
+        robots: Container[str],
+        doors: tuple[str, ...],
+        now_ms: int,
+    ) -> Plan:
         """Say what is intended with one robot; who is in its way and none of `robots` is an owner
-        of reserved ground.
+        of reserved ground. `doors` are those that it waits for, named as in a plan.
         """
         spaces = [self._space(slot.cell) for slot in islice(track.owned, SPACES_MAX)]
-        blockers = {f"{EXTERNAL}{owner}" for owner in track.barred}
+        barred = (o if o.startswith(DOOR) else f"{EXTERNAL}{o}" for o in track.barred)
+        blockers = {*barred, *doors}
         if track.promised:
             slot = track.promised[0]
             for name in self._grants.blockers(slot.cell, track.name, slot.commit):

@@ -1,6 +1,8 @@
 """One robot as traffic follows it: its route in cells, and what it has been told of it."""
 
 from collections import deque
+from collections.abc import Mapping
+from typing import TypeAlias
 
 import msgspec
 
@@ -17,6 +19,9 @@ ARRIVED_M = 0.02  # this near to its end a route counts as driven
 ALONG_EPS = 1e-3  # metres or radians: reports are rounded
 RESEND_MS = 1_000  # a Drive that shows no effect for so long is sent again
 START = Mark()
+
+# Ground of shut doors: for each of them the cells from which one may still go on.
+Shut: TypeAlias = Mapping[int, tuple[frozenset[int], ...]]
 
 
 class Slot(msgspec.Struct, kw_only=True):
@@ -65,7 +70,7 @@ class Track(msgspec.Struct, kw_only=True):
     best_ms: int = 0
     arrived_ms: int | None = None
     relocation: int | None = None  # place to make way to
-    barred: tuple[str, ...] = ()  # owners of reserved ground that keep it from its goal
+    barred: tuple[str, ...] = ()  # owners of reserved ground, or doors, that keep it from its goal
     commit: int = 0
     state: tuple[bool, bool] = (True, True)  # near its end, resting there: when last looked at
 
@@ -96,6 +101,14 @@ class Track(msgspec.Struct, kw_only=True):
         return last.number == self.progress.piece and (
             self.progress.along_m >= last.length_m - ARRIVED_M
         )
+
+    def way_to_m(self, mark: Mark) -> float:
+        """Metres from the beginning of its route to a mark that is not behind it."""
+        for piece, before in self.pieces:
+            if piece.number >= mark.piece:
+                driven = piece.number == mark.piece and piece.path is not None
+                return before + (min(mark.along_m, piece.length_m) if driven else 0.0)
+        return self.way_m
 
     def left_m(self) -> float:
         """What is left of its route in metres; turns count nothing."""
@@ -154,18 +167,24 @@ class Track(msgspec.Struct, kw_only=True):
         self.end = Mark(piece=pieces[-1].number, along_m=pieces[-1].length_m)
         self.commit = pieces[-1].commit
 
-    def acquire(self, grants: Grants) -> bool:
-        """Own as many of the next cells as are free; cells left behind by that are released."""
+    def acquire(self, grants: Grants, shut: Shut) -> bool:
+        """Own as many of the next cells as are free and not behind a shut door."""
         any_taken = False
         while self.promised:
             slot = self.promised[0]
             if not grants.free(slot.cell, self.name, slot.commit):
+                break
+            if shut and not self.may_enter(slot.cell, shut):
                 break
             self.promised.popleft()
             grants.fulfil(slot.cell, self.name, slot.commit)
             self.owned.append(slot)
             any_taken = True
         return any_taken
+
+    def may_enter(self, cell: int, shut: Shut) -> bool:
+        """Does no shut door keep it from this cell; one that it is in already may not."""
+        return all(any(slot.cell in within for slot in self.owned) for within in shut.get(cell, ()))
 
     def release(self, grants: Grants) -> bool:
         """Give up the cells that the reference point has left; the last owned one is kept."""
@@ -196,6 +215,13 @@ class Track(msgspec.Struct, kw_only=True):
         self.end = self.progress
 
     # -- messages
+
+    def is_old(self, report: Report) -> bool:
+        """Not newer than what is known; a robot that started anew counts from the beginning."""
+        known = self.report
+        if known is None or report.number > known.number:
+            return False
+        return report.session == known.session or report.at_ms <= known.at_ms
 
     def advance(self, report: Report) -> None:
         """Progress only grows, and never beyond what was committed."""

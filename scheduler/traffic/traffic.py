@@ -9,18 +9,19 @@ from pathlib import Path as FilePath
 
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Plan, Report, TellRoute
-from ledger.scene import XY, Area, Group
+from ledger.scene import XY, Area, Door, Group
 from scheduler.goal import Goal
 from scheduler.traffic.admission import OLD_ROUTE, Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE, Costs
+from scheduler.traffic.doors import DoorNow, Doors
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.pibt import World, propose, room
 from scheduler.traffic.routes import Builder, Leg
 from scheduler.traffic.shown import Shown
 from scheduler.traffic.track import Track
-from scheduler.traffic.wishes import agents, overlay, relocate
+from scheduler.traffic.wishes import agents, held_otherwise, overlay, relocate
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
 REPLAN_MS = 500  # while somebody waits; else planning follows events
@@ -49,6 +50,7 @@ class Traffic:
             for group in self.roadmap.groups.values()
         }
         self._reserved = Claims(self.roadmap, self.grants, self._costs)
+        self._doors = Doors(self.roadmap, self.grants, self._costs)
         self._tracks: dict[RobotName, Track] = {}  # by name, ascending
         self._commit_last = 0
         self._commit_first = 0  # ways to a first stop come before all that is committed
@@ -62,9 +64,7 @@ class Traffic:
         self._resend_ms = 0
         self._shown = Shown(scene, self.roadmap, self.grants)
 
-    def tune(
-        self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int
-    ) -> None:
+    def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
         """Take settings of the scene: how far from a point or a path a robot is still on it, and
         the longest time between two plannings when nothing happens.
         """
@@ -107,7 +107,7 @@ class Traffic:
     def observe(self, report: Report) -> None:
         """Take in a report. Older ones than known, and ones from other areas, change nothing."""
         track = self._tracks.get(report.robot)
-        if track is None or report.area != self.area.id or _stale(track, report):
+        if track is None or report.area != self.area.id or track.is_old(report):
             return
         if track.lost:
             track.lost, self._dirty = False, True
@@ -186,6 +186,25 @@ class Traffic:
     def claimed(self, id_: str) -> bool:
         """Is the ground free of robots, and will it stay so until it is given back."""
         return self._reserved.owned(id_)
+
+    # -- doors
+
+    def lay_doors(self, doors: Sequence[Door]) -> None:
+        """Let nobody pass these doors until they are known to be open; called once, at first."""
+        self._doors = Doors(self.roadmap, self.grants, self._costs, doors)
+
+    def follow_doors(self, now: Mapping[int, DoorNow]) -> None:
+        """Take in how the doors are: who may pass, and which ways are to be avoided."""
+        changed, ways = self._doors.follow(now)
+        self._freed = self._freed or changed
+        if ways:
+            self._dirty = True
+            self._reserved.ways_changed()
+            self._reserved.direct(self._tracks.values())
+
+    def wanted_doors(self) -> Mapping[int, tuple[RobotName, ...]]:
+        """By door, for whom it must be open, or open now."""
+        return self._doors.wanted(self._tracks)
 
     # -- answers
 
@@ -280,7 +299,7 @@ class Traffic:
         while again:
             again = False
             for track in waiting:
-                if track.acquire(self.grants):
+                if track.acquire(self.grants, self._doors.shut):
                     self._touched.add(track.name)
                     again = track.release(self.grants) or again
         self._reserved.acquire()
@@ -288,8 +307,9 @@ class Traffic:
     def _plan(self, now_ms: int) -> None:
         self._enter()
         tracks = list(self._tracks.values())
-        if self._reserved:
+        if self._reserved or self._doors.closed_moves:
             self._reserved.direct(tracks)
+            self._doors.bar(tracks)
         roadmap = self._reserved.roadmap
         relocate(roadmap, tracks, self._fixed)
         self._reserved.send_out(tracks, self._fixed)
@@ -298,9 +318,7 @@ class Traffic:
             roadmap=roadmap,
             agents=agents(roadmap, tracks, ranks, self._fixed, now_ms),
         )
-        claims = self._claims()
-        if claims:
-            overlay(world, claims)
+        overlay(world, held_otherwise(tracks, self.grants))
         positions = 0
         for track in tracks:
             if track.place is not None:
@@ -331,18 +349,6 @@ class Traffic:
                     self._admission.enter(track, entry, self._commit_first)
                     self._touched.add(track.name)
                     break
-
-    def _claims(self) -> list[tuple[int | None, list[int]]]:
-        """Ground held otherwise than the map foresees: by foreign shapes, and by the lost."""
-        found: list[tuple[int | None, list[int]]] = []
-        for track in self._tracks.values():
-            held = list(track.owned) + (list(track.promised) if track.lost else [])
-            cells = [s.cell for s in held if track.lost or self.grants.is_shape(s.cell)]
-            if cells:
-                over = {c for cell in cells for c in self.grants.excluded(cell)}
-                place = None if track.lost else track.place
-                found.append((place, [c for c in over if not self.grants.is_shape(c)]))
-        return found
 
     def _commit(self, track: Track, moves: tuple[int, ...], goal: int | None) -> None:
         """Append moves to a route, each under the next number; () is the turn that a goal asks."""
@@ -384,20 +390,10 @@ class Traffic:
         self._touched.clear()
         return list(told)
 
-    # -- for those who look on
-
     def plans(self, now_ms: int) -> list[Plan]:
         """What is intended with each robot just now."""
-        shown, robots = self._shown, self._tracks.keys()
+        shown, robots, doors = self._shown, self._tracks.keys(), self._doors.before
         return [
-            shown.plan(track, self._goals.get(track.name), robots, now_ms)
+            shown.plan(track, self._goals.get(track.name), robots, doors(track), now_ms)
             for track in self._tracks.values()
         ]
-
-
-def _stale(track: Track, report: Report) -> bool:
-    """Not newer than what is known; a robot that started anew counts from the beginning again."""
-    known = track.report
-    if known is None or report.number > known.number:
-        return False
-    return report.session == known.session or report.at_ms <= known.at_ms

@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 from ledger.ids import RobotName
 from scheduler.traffic.costs import INFINITE
+from scheduler.traffic.grants import Grants
 from scheduler.traffic.pibt import Agent, World, has_token
 from scheduler.traffic.pockets import DEEPER_M
 from scheduler.traffic.roadmap import Roadmap
@@ -150,9 +151,24 @@ def _impatience_s(track: Track, goal: int, now_ms: int) -> float:
     return min(max(over_ms, 0) / 1000 * IMPATIENCE_PER_S, IMPATIENCE_S_MAX)
 
 
+def held_otherwise(tracks: Iterable[Track], grants: Grants) -> list[tuple[int | None, list[int]]]:
+    """Ground held otherwise than the map foresees: by foreign shapes, and by the lost; as (place
+    of its robot or None, cells).
+    """
+    found: list[tuple[int | None, list[int]]] = []
+    for track in tracks:
+        held = list(track.owned) + (list(track.promised) if track.lost else [])
+        cells = [s.cell for s in held if track.lost or grants.is_shape(s.cell)]
+        if cells:
+            over = {c for cell in cells for c in grants.excluded(cell)}
+            place = None if track.lost else track.place
+            found.append((place, [c for c in over if not grants.is_shape(c)]))
+    return found
+
+
 def overlay(world: World, claims: Iterable[tuple[int | None, Iterable[int]]]) -> None:
-    """Ground held otherwise than the map foresees: (place of its robot or None, cells). Moves over
-    it need that robot's place empty, or are closed if it has none.
+    """Take in what `held_otherwise` gave: moves over such ground need its robot's place empty, or
+    are closed if it has none.
     """
     roadmap = world.roadmap
     closed_moves: set[int] = set()
