@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from ledger.errors import Refused
 from ledger.ids import OrderId
-from projections.api.answers import JSON, answered, moment
+from projections.api.answers import answered, moment
 from projections.api.m4_answers import OrderDetail
 from projections.api.m4_entities import entity_routes
 from projections.api.m4_models import AsOf, DetailAsked, SceneDataAsked
@@ -17,7 +17,7 @@ from projections.api.m4_orders import detail
 from projections.api.m4_robot_questions import robot_routes
 from projections.api.m4_scene_answers import SceneReply
 from projections.api.m4_scene_query import FIELDS, SceneQueries
-from projections.api.m4_scenes import scene_asked, scene_list, scene_map
+from projections.api.m4_scene_questions import scene_routes
 from projections.fields import Row
 from projections.find import At, Find
 
@@ -28,7 +28,8 @@ def router(queries: SceneQueries, route_class: type[APIRoute]) -> APIRouter:
     entity_routes(made, queries.find)
     _order_detail(made, queries.find)
     robot_routes(made, queries)
-    _scenes(made, queries)
+    scene_routes(made, queries)
+    _scene_query(made, queries)
     return made
 
 
@@ -48,26 +49,14 @@ async def detail_of(find: Find, order_id: str, at_ms: At | None) -> tuple[Row, i
     return detail(order, find.live.fleet.scenes[order.scene].name), position
 
 
-def _scenes(made: APIRouter, queries: SceneQueries) -> None:
-    find = queries.find
-
-    @made.get("/api/fleet/scenes/list")
-    async def scenes(request: Request, query: Annotated[AsOf, Query()]) -> Response:
-        """Give id, name and disabled of every scene."""
-        fleet = await find.fleet(moment(request, query))
-        return answered(scene_list(fleet), fleet.position)
-
-    parameter = {"name": "id", "in": "path", "required": True, "schema": {"type": "string"}}
-
-    @made.get("/api/fleet/scenes/{id}/map", openapi_extra={"parameters": [parameter]})
-    async def drawing(request: Request, query: Annotated[AsOf, Query()]) -> Response:
-        """Give points, paths, bins and areas of a scene, for drawing."""
-        fleet = await find.fleet(moment(request, query))
-        scene = scene_asked(fleet, request.path_params["id"], None)
-        headers = {"X-Ledger-Position": str(fleet.position)}
-        return Response(scene_map(scene), media_type=JSON, headers=headers)
-
-    of_scene = parameter | {"name": "sceneId", "description": "Id of the scene."}
+def _scene_query(made: APIRouter, queries: SceneQueries) -> None:
+    of_scene = {
+        "name": "sceneId",
+        "in": "path",
+        "required": True,
+        "schema": {"type": "string"},
+        "description": "Id of the scene.",
+    }
 
     @made.post(
         "/api/fleet/scenes/{sceneId}/query-all",

@@ -3,13 +3,15 @@
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, RootModel, StringConstraints
 from pydantic.config import JsonDict
 
 PAGE_SIZE_MAX = 10_000
 FUZZY_LENGTH_MAX = 200
 NAMES_MAX = 100
 NAME_CHARS_MAX = 200
+ROBOTS_MAX = 1_000  # in one question about move costs
+PLACES_MAX = 10_000  # of one robot
 BATCH_MAX = 20  # questions of one find/batch
 QUERY_EXAMPLE: JsonDict = {
     "type": "Compound",
@@ -161,6 +163,15 @@ class OrderAsked(Asking):
 
     order_id: Name = Field(alias="orderId", description="Id of the order.")
     as_of: int | str | None = Field(None, alias="asOf", description="A past moment; null = now.")
+
+
+class MoveCostsAsked(RootModel[dict[Name, Annotated[list[Name], Field(max_length=PLACES_MAX)]]]):
+    """Robots of the scene, and the points and bins to which their ways are asked for."""
+
+    root: Annotated[
+        dict[Name, Annotated[list[Name], Field(max_length=PLACES_MAX)]],
+        Field(max_length=ROBOTS_MAX, description="Robot -> names of points and bins."),
+    ]
 
 
 class StreamAsked(Asking):

@@ -96,3 +96,58 @@ class SceneReply(Answer):
     externalMapRes: Any = Field(None, description="Ground that others have reserved.")
     fleetBins: list[FleetBin] | None = Field(None, description="Places of areas in use.")
     replyTimestamp: int | None = Field(None, description="When it was answered, epoch ms.")
+
+
+class SceneListed(Answer):
+    """A scene in the list."""
+
+    id: str = Field(description="Scene id.")
+    name: str = Field(description="Name, unique among the scenes.")
+    disabled: bool = Field(description="Out of service.")
+    version: int = Field(description="Grows with every change of map, settings or state.")
+    displayOrder: int = Field(description="Place in lists, ascending.")
+    lastModifiedOn: int = Field(description="When it last changed, epoch ms.")
+
+
+class PointsAndBins(Answer):
+    """The places of a scene."""
+
+    points: list[str] = Field(description="Names of points.")
+    bins: list[str] = Field(description="Names of bins.")
+
+
+class SceneBasic(Answer):
+    """What lists show of a scene."""
+
+    name: str = Field(description="Name.")
+    disabled: bool = Field(description="Out of service.")
+    displayOrder: int = Field(description="Place in lists, ascending.")
+    version: int = Field(description="Grows with every change.")
+    lastModifiedOn: int = Field(description="When it last changed, epoch ms.")
+
+
+class SceneStructure(Answer):
+    """Of what a scene consists; lengths in metres, angles in radians."""
+
+    robotGroups: list[dict[str, Any]] = Field(
+        description="id, name, collisionModel, maxSpeed (m/s), maxAcc (m/s2), maxRotSpeed "
+        "(rad/s), maxRotAcc (rad/s2)."
+    )
+    robotTags: list[str] = Field(description="Tags that robots have.")
+    robots: list[dict[str, Any]] = Field(description="SceneRobot without its secret.")
+    areas: list[dict[str, Any]] = Field(
+        description="id, name, disabled, mergedMap {bound, points, paths, zones, topoAreas, bins, "
+        "restrictedLines, sourceMaps}, gmMap (group -> map), groupsMap."
+    )
+    containerTypes: list[dict[str, Any]] = Field(description="name, collisionModel.")
+    doors: list[dict[str, Any]] = Field(description="SceneDoor.")
+    lifts: list[dict[str, Any]] = Field(description="SceneLift; costs in seconds.")
+
+
+class SceneSchema(Answer):
+    """How a scene is set up."""
+
+    id: str = Field(description="Scene id.")
+    basic: SceneBasic = Field(description="What lists show.")
+    newConfig: dict[str, Any] = Field(description="SceneConfig, and parkIdleTime (s).")
+    structure: SceneStructure = Field(description="Groups, robots, maps, devices.")
