@@ -8,6 +8,7 @@ the middle of its way: a pending claim queues behind all commits, an owned one i
 
 import copy
 from collections.abc import Iterable, Sequence, Set
+from heapq import nsmallest
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -28,6 +29,8 @@ from scheduler.traffic.routes import ENTRY, Builder
 from scheduler.traffic.track import Track
 
 CLOSURES_MAX = 64  # kept: one for all strangers, and one for each robot that owns or leaves ground
+NEAR_MAX = 8  # stops looked at for a robot that has to leave
+FAR_S = 1_000.0  # there is no way on from such a stop, but it is one
 WAY_MAX = 1_000  # moves looked at for the claim that is in a robot's way
 
 Ids: TypeAlias = frozenset[str]
@@ -287,28 +290,38 @@ class Claims:
         return tuple(sorted({claim.owner for claim in barring}))
 
     def send_out(self, tracks: Sequence[Track], fixed: Set[RobotName]) -> None:
-        """Give robots that rest on pending ground and have nothing to do elsewhere a goal off it:
-        the nearest stop that nobody has or wants.
+        """Send robots that rest on pending ground to a free stop off it, whatever else they want:
+        somebody waits for the ground. Who is about to work where it stands may first do that.
         """
+        for track in tracks:
+            track.leaving = False
         if not self._pending:
             return
         closed = self.closure(frozenset(self._claims)).places
         wanted = (place for t in tracks for place in (t.place, t.goal, t.relocation))
         taken = {place for place in wanted if place is not None}
+        pending = [self._claims[id_] for id_ in sorted(self._pending)]
         for track in tracks:
-            if track.place is None or track.aim is not None or track.name in fixed:
+            here = track.place
+            if here is None or here == track.goal or track.name in fixed:
                 continue
-            here = [self._claims[id_] for id_ in self._pending]
-            if not any(c.owner != track.name and self._stands_on(track, c) for c in here):
+            if not any(c.owner != track.name and self._stands_on(track, c) for c in pending):
                 continue
             free = (
                 (cost, place)
                 for place in range(self._open.places.stops)
                 if place not in taken
                 and not closed >> place & 1
-                and (cost := track.costs.cost_s(track.place, track.heading_rad, place)) < INFINITE
+                and (cost := track.costs.cost_s(here, track.heading_rad, place)) < INFINITE
             )
-            found = min(free, default=None)
-            if found is not None:
-                track.relocation = found[1]
-                taken.add(found[1])
+            near = [(self._price(track, *stop), stop[1]) for stop in nsmallest(NEAR_MAX, free)]
+            if near:
+                track.leaving, track.relocation = True, min(near)[1]
+                taken.add(min(near)[1])
+
+    def _price(self, track: Track, cost_s: float, place: int) -> tuple[bool, float]:
+        """Dead ends last; and rather on its way than back."""
+        onward_s = 0.0
+        if track.goal is not None and not track.barred:
+            onward_s = track.costs.cost_s(place, track.heading_rad, track.goal)
+        return self.roadmap.pockets.pocket[place] >= 0, cost_s + min(onward_s, FAR_S)

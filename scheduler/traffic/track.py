@@ -70,6 +70,7 @@ class Track(msgspec.Struct, kw_only=True):
     best_ms: int = 0
     arrived_ms: int | None = None
     relocation: int | None = None  # place to make way to
+    leaving: bool = False  # it rests on ground that somebody waits for
     barred: tuple[str, ...] = ()  # owners of reserved ground, or doors, that keep it from its goal
     commit: int = 0
     state: tuple[bool, bool] = (True, True)  # near its end, resting there: when last looked at
@@ -77,7 +78,7 @@ class Track(msgspec.Struct, kw_only=True):
     @property
     def aim(self) -> int | None:
         """Where it is to go now: while its goal is not to be had, only out of the way."""
-        if self.goal is None or (self.barred and self.goal != self.place):
+        if self.goal is None or self.leaving or (self.barred and self.goal != self.place):
             return self.relocation
         return self.goal
 

@@ -48,7 +48,7 @@ def relocate(roadmap: Roadmap, tracks: Iterable[Track], fixed: Set[RobotName]) -
         in_way = pocket in wanted and pockets.depth_m[track.place] <= wanted[pocket] + DEEPER_M
         if not idle or pocket < 0 or not in_way:
             track.relocation = None
-        elif track.relocation is None:
+        elif track.relocation in (None, track.place):
             track.relocation = _elsewhere(roadmap, track, wanted[pocket] + DEEPER_M, taken)
             if track.relocation is not None:
                 taken.add(track.relocation)
@@ -117,6 +117,8 @@ def _class(
     pockets = roadmap.pockets.pocket
     if agent.goal is None:
         return IDLE
+    if track.leaving:
+        return LEAVING
     pocket = pockets[agent.place]
     if pocket >= 0 and pockets[agent.goal] != pocket:
         return LEAVING

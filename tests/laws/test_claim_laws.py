@@ -6,7 +6,7 @@ import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ledger.ids import PointName, RobotName
+from ledger.ids import PointName
 from ledger.scene import Group
 from tests.laws.test_traffic_laws import floors
 from tests.scheduler.traffic.floor import Floor
