@@ -19,6 +19,7 @@ import commands.api.m4
 import commands.api.scenes
 import projections.api.m4
 import projections.api.rdscore
+import projections.api.wsm
 import replay.api
 from commands.api.m4_scene_config import wire
 from commands.handle import Handler
@@ -297,6 +298,7 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
         ),
         commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute),
         projections.api.m4.router(queries, ThinRoute),
+        projections.api.wsm.router(queries),
         replay.api.router(source, ThinRoute),
         *core.callbacks.routers(core.durability.reached, core.live.fleet.scenes.get),
     )

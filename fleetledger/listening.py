@@ -16,6 +16,7 @@ from ledger.errors import Refused
 
 BACKLOG = 2048
 CONNECTIONS_MAX = 4096  # at once
+WS_BYTES_MAX = 1_000_000  # of a frame; beyond, the connection is closed (code 1009)
 KEEP_ALIVE_S = 65
 STOP_REQUESTS_S = 1  # for requests under way when told to stop; 5 s in all (contract)
 HEAD_S_MAX = 10.0  # from a connection, or a call's first byte, to the end of its headers
@@ -71,6 +72,7 @@ async def served(
         backlog=BACKLOG,
         timeout_keep_alive=KEEP_ALIVE_S,
         timeout_graceful_shutdown=STOP_REQUESTS_S,
+        ws_max_size=WS_BYTES_MAX,
         ws_per_message_deflate=False,  # it compresses per client: 24 ms a frame (measured)
         server_header=False,
         proxy_headers=False,

@@ -21,15 +21,24 @@ def common_instant(newest: Iterable[Report]) -> int | None:
     return min(at_ms for at_ms in times if at_ms >= max(times) - FRESH_MS)
 
 
+def around(reports: Sequence[Report], at_ms: int) -> tuple[Report | None, Report | None]:
+    """Give the last report until the instant and the first behind it, or None where none is."""
+    after = None
+    for report in reversed(reports):
+        if report.at_ms <= at_ms:
+            return report, after
+        after = report
+    return None, after
+
+
 def at_instant(reports: Sequence[Report], at_ms: int) -> Report:
     """Give the report of a robot for this instant, from its reports in order of time.
 
     The pose is interpolated between the reports around the instant; all else is of the earlier.
     """
-    before = next((r for r in reversed(reports) if r.at_ms <= at_ms), None)
+    before, after = around(reports, at_ms)
     if before is None:
         return reports[0]  # it joined just now
-    after = next((r for r in reports if r.at_ms > at_ms), None)
     if after is None or after.area != before.area:
         return carried(before, at_ms)
     part = (at_ms - before.at_ms) / (after.at_ms - before.at_ms)

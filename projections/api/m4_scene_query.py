@@ -163,8 +163,12 @@ def enabled(fleet: Fleet, scene: Scene) -> dict[RobotKey, Robot]:
 
 def plans_now(live: Live, scene: Scene) -> PlansOfRobots:
     """Give what traffic intends with each enabled robot."""
-    robots = enabled(live.fleet, scene)
-    return tuple((robot, live.plans.get(key)) for key, robot in robots.items())
+    return plans_of(live, enabled(live.fleet, scene))
+
+
+def plans_of(live: Live, robots: Mapping[RobotKey, Robot]) -> PlansOfRobots:
+    """Give what traffic intends with each of these robots."""
+    return tuple([(robot, live.plans.get(key)) for key, robot in robots.items()])
 
 
 def robot_rows(robots: Iterable[Seen], asked: SceneDataAsked) -> Row:
