@@ -149,7 +149,7 @@ class Live:
             newest=self._newest if fleet is self.fleet else (),
             newest_are_all=self._newest_are_all and fleet is self.fleet,
             in_order=in_order,
-            scene_names={id_: scene.name for id_, scene in self.fleet.scenes.items()},
+            scene_names={id_: scene.name for id_, scene in fleet.scenes.items()},
         )
 
     async def wait(self, position: int, timeout_s: float = WAIT_S) -> bool:

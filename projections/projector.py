@@ -1,6 +1,6 @@
 """Events into rows of the history: an order becomes a row when it has ended and changes no more."""
 
-from ledger.events import AnyEvent, OrderCreated, SceneImported
+from ledger.events import AnyEvent, OrderCreated, SceneImported, SceneRenamed
 from ledger.events.orders import OfOrder
 from ledger.evolve_order import order_after, order_created
 from ledger.state import Fleet
@@ -31,7 +31,7 @@ class Projector:
                 self.ended.append(Placed(order=order, scene_name=name, position=event.position))
             else:
                 self._orders[order.id] = order
-        elif isinstance(event, SceneImported):
+        elif isinstance(event, SceneImported | SceneRenamed):
             self._scene_names[event.scene] = event.name
         self.events.append(event)
         self.position = event.position

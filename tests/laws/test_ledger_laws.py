@@ -25,8 +25,9 @@ from ledger.segment import BEGINNING
 from ledger.snapshot import restore
 from ledger.state import Fleet
 from ledger.store import FileLedger
+from tests.histories import histories, history
 from tests.ledger.folders import in_threes, killed
-from tests.strategies import events_of, histories, history
+from tests.strategies import events_of
 
 
 @pytest.mark.parametrize("kind", EVENTS)
@@ -130,7 +131,7 @@ APPENDER = """
 import sys
 from pathlib import Path
 from ledger.store import FileLedger
-from tests.strategies import happenings
+from tests.histories import happenings
 
 ledger = FileLedger.open(Path(sys.argv[1]), segment_chunks_max=50)
 happening = happenings(3)

@@ -15,8 +15,8 @@ from ledger.snapshot import restore
 from ledger.state import Fleet
 from ledger.store import FileLedger, MemoryLedger
 from ledger.zenoh_bus import LOOPBACK, ZenohBus
+from tests.histories import history
 from tests.ledger.disks import GatedDisk
-from tests.strategies import history
 
 EVENTS = history(51, 400)
 

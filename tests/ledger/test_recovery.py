@@ -9,8 +9,8 @@ from ledger.errors import LedgerDamaged
 from ledger.scan import read_folder
 from ledger.segment import BEGINNING, TRAILER_BYTES
 from ledger.store import FileLedger
+from tests.histories import history
 from tests.ledger.folders import commit_each, in_threes, killed, written
-from tests.strategies import history
 
 EVENTS = history(11, 30)
 ONE = "00000000000000000001.mcap"

@@ -10,8 +10,8 @@ from ledger.events import OrderPrioritised, RobotConnected
 from ledger.ids import OrderId, RobotName, SceneId
 from ledger.scan import later_chunk, read_folder
 from ledger.segment import BEGINNING
+from tests.histories import history
 from tests.ledger.folders import in_threes, killed, written
-from tests.strategies import history
 
 EVENTS = history(21, 60)
 ONE = "00000000000000000001.mcap"

@@ -23,8 +23,8 @@ from ledger.segment import (
     read_trailer,
     segment_name,
 )
+from tests.histories import history
 from tests.ledger.folders import in_threes, written
-from tests.strategies import history
 
 
 def test_a_name_is_a_position_of_twenty_digits(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from ledger.snapshot import (
 )
 from ledger.state import STATE_VERSION, Fleet
 from ledger.store import FileLedger, MemoryLedger
+from tests.histories import history
 from tests.ledger.folders import in_threes, written
-from tests.strategies import history
 
 EVENTS = history(31, 300)
 

@@ -12,9 +12,9 @@ from ledger.events import AnyEvent, RobotConnected, RobotDisconnected
 from ledger.ids import CommandId, RobotName, SceneId
 from ledger.scan import read_folder
 from ledger.store import FileLedger, MemoryLedger
+from tests.histories import history
 from tests.ledger.disks import FailingDisk, GatedDisk, ShortDisk
 from tests.ledger.folders import commit_each, in_threes, written
-from tests.strategies import history
 
 EVENTS = history(7, 240)
 S, R = SceneId("s"), RobotName("r")

@@ -9,8 +9,8 @@ from ledger.snapshot import save
 from ledger.state import Fleet
 from ledger.store import FileLedger
 from ledger.verify import Verdict, verify
+from tests.histories import history
 from tests.ledger.folders import in_threes, killed, written
-from tests.strategies import history
 
 EVENTS = history(41, 30)
 

@@ -5,7 +5,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ledger.events import AnyEvent, CommandAnswered
+from ledger.events import (
+    AnyEvent,
+    CommandAnswered,
+    SceneDispatchResumed,
+    SceneRenamed,
+    stamped,
+)
 from ledger.evolve import fold
 from ledger.evolve_order import order_after, order_created
 from ledger.ids import CommandId, OrderId
@@ -17,7 +23,8 @@ from projections.live import Live
 from projections.projector import Projector
 from projections.reading import Reader
 from projections.tables import Placed
-from tests.strategies import SCENE, history
+from tests.histories import history
+from tests.strategies import SCENE
 
 SCENE_NAME = "hall 考核"
 NAMES = {SCENE: SCENE_NAME}
@@ -55,14 +62,27 @@ class Log:
         return fold(Fleet(), [e for e in self.events if e.at_ms <= at_ms])
 
 
-def long_log(count: int = 600, seed: int = 24) -> Log:
+def long_log(count: int = 600, seed: int = 56) -> Log:
     """A history in which many orders have ended; the same for the same arguments."""
     return Log(_long(count, seed))
 
 
 @lru_cache
 def _long(count: int, seed: int) -> tuple[AnyEvent, ...]:
-    return tuple(history(seed, count))
+    return tuple(_unnamed(event) for event in history(seed, count))
+
+
+def _unnamed(event: AnyEvent) -> AnyEvent:
+    """Keep the scene's name: whether orders that ended under another one show it is not settled."""
+    if not isinstance(event, SceneRenamed):
+        return event
+    return stamped(
+        SceneDispatchResumed(scene=event.scene),
+        event.position,
+        event.at_ms,
+        event.by,
+        event.command,
+    )
 
 
 def all_orders(log: Log) -> dict[OrderId, Order]:

@@ -9,7 +9,7 @@ from ledger.store import MemoryLedger
 from projections.history import History
 from projections.live import Live
 from projections.story import Stories
-from tests.strategies import history as some_history
+from tests.histories import history as some_history
 
 
 def test_a_story_is_whole_whether_duckdb_has_all_of_it_or_only_its_beginning(

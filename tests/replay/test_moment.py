@@ -14,7 +14,7 @@ from ledger.snapshot import save
 from ledger.state import Fleet
 from ledger.store import FileLedger, MemoryLedger
 from replay.moment import Moments
-from tests.strategies import histories, history
+from tests.histories import histories, history
 
 looks = st.lists(st.tuples(st.booleans(), st.integers(0, 2**20)), min_size=1, max_size=12)
 

@@ -10,7 +10,8 @@ from ledger.state import Fleet
 from ledger.store import MemoryLedger
 from replay.recent import Recent
 from replay.story import tell
-from tests.strategies import SCENE, histories
+from tests.histories import histories
+from tests.strategies import SCENE
 
 
 @given(events=histories(min_events=5), looks=st.lists(st.integers(0, 200), min_size=1, max_size=6))

@@ -10,6 +10,7 @@ from fastapi import FastAPI
 
 import projections.api.m4
 from fleetledger.http import ThinRoute
+from ledger.events import SceneMapReplaced
 from ledger.ids import OrderId, PathKey, PointName, RobotName, robot_key
 from ledger.link import Alarm, AlarmLevel, Load, Plan, Report, Space
 from projections.poses import FRESH_MS
@@ -331,8 +332,9 @@ async def test_robots_of_the_past_come_from_what_was_written(client: httpx.Async
     assert "x" not in found["R2"]
 
 
-async def test_a_scene_may_be_named_and_must_exist(client: httpx.AsyncClient) -> None:
-    by_name = await client.get("/api/fleet/robots/all-all", params={"sceneName": "grid"})
+async def test_a_scene_may_be_named_and_must_exist(client: httpx.AsyncClient, side: Side) -> None:
+    name = side.live.fleet.scenes[SCENE].name
+    by_name = await client.get("/api/fleet/robots/all-all", params={"sceneName": name})
     assert by_name.json() == await robots(client)
     for params, code in (
         ({"sceneId": "x"}, "errSceneNotFound"),
@@ -346,7 +348,7 @@ async def test_a_scene_may_be_named_and_must_exist(client: httpx.AsyncClient) ->
 async def test_scenes_are_listed_and_drawn(client: httpx.AsyncClient, side: Side) -> None:
     (listed,) = (await client.get("/api/fleet/scenes/list")).json()
     known = side.live.fleet.scenes[SCENE]
-    assert (listed["id"], listed["name"], listed["disabled"]) == (SCENE, "grid", known.disabled)
+    assert (listed["id"], listed["name"], listed["disabled"]) == (SCENE, known.name, known.disabled)
     drawn = (await client.get(f"/api/fleet/scenes/{SCENE}/map")).json()
     (area,) = drawn["areas"]
     scene = side.live.fleet.scenes[SCENE]
@@ -359,7 +361,8 @@ async def test_scenes_are_listed_and_drawn(client: httpx.AsyncClient, side: Side
 
 async def test_the_map_of_the_past_is_the_map_of_then(client: httpx.AsyncClient) -> None:
     versions = set()
-    for position in (1, 600):
+    replaced = next(e.position for e in LOG.events if isinstance(e, SceneMapReplaced))
+    for position in (1, replaced):
         answer = await client.get(
             f"/api/fleet/scenes/{SCENE}/map", params={"asOf": LOG.events[position - 1].at_ms}
         )
