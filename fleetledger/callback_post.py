@@ -37,7 +37,12 @@ def signature(secret: str, timestamp: str, body: bytes) -> str:
 class Post:
     """The client; use it on one event loop only."""
 
-    def __init__(self, secret: Callable[[SceneId], str | None], wall_ms: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        secret: Callable[[SceneId], str | None],
+        wall_ms: Callable[[], int],
+        try_s: float = TRY_S,
+    ) -> None:
         """Take whence secrets come, and the clock that receivers have too, which is never scaled.
 
         Proxies of the environment are not used. The system's certificates count: a plant's own
@@ -45,11 +50,12 @@ class Post:
         """
         self._secret = secret
         self._wall_ms = wall_ms
+        self._try_s = try_s
         self._client = httpx.AsyncClient(
             trust_env=False,
             follow_redirects=False,
             verify=ssl.create_default_context(),
-            timeout=TRY_S,
+            timeout=try_s,
             limits=httpx.Limits(
                 max_connections=None, max_keepalive_connections=KEPT_CONNECTIONS_MAX
             ),
@@ -70,7 +76,7 @@ class Post:
         }
         status = 0
         try:
-            async with asyncio.timeout(TRY_S) as limit:
+            async with asyncio.timeout(self._try_s) as limit:
                 async with self._client.stream(
                     "POST", callback.url, content=callback.body, headers=headers
                 ) as response:
@@ -79,7 +85,7 @@ class Post:
                     await _drain(response)
         except TimeoutError:
             if not status:
-                return f"no answer in {TRY_S:g} s"
+                return f"no answer in {self._try_s:g} s"
         except (httpx.HTTPError, httpx.InvalidURL, OSError, ValueError) as trouble:
             if not status:
                 return f"{type(trouble).__name__}: {trouble}"

@@ -243,7 +243,10 @@ class Sender:
 
 def host_of(url: str) -> str:
     """What of an address may be logged: the rest of it may hold tokens."""
-    return urlsplit(url).hostname or ""
+    try:
+        return urlsplit(url).hostname or ""
+    except ValueError:
+        return ""
 
 
 def _failed(callback: Callback, error: str) -> Callback:

@@ -1,7 +1,6 @@
 """Callbacks of a core: the outbox that keeps them, the thread that sends them, and their calls."""
 
 import secrets
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,7 @@ from commands.callbacks import GiveUpCallback
 from commands.handle import Handler
 from fleetledger.callback_post import Post
 from fleetledger.callback_sender import Sender
+from fleetledger.clock import wall_ms
 from fleetledger.http import ThinRoute
 from fleetledger.secrets import Secrets
 from ledger.errors import Unknown
@@ -46,7 +46,7 @@ class Callbacks:
         self._ledger = ledger
         self._secrets = kept
         self.sender = Sender(
-            partial(Post, self._secret, _wall_ms), self._give_up, Random(secrets.randbits(64))
+            partial(Post, self._secret, wall_ms), self._give_up, Random(secrets.randbits(64))
         )
         self.outbox = Outbox(data / FILE_NAME, self.sender.hear)
         ledger.listen(self.outbox.follow)
@@ -105,8 +105,3 @@ class Callbacks:
         position = handler.handle(command).position
         if not self._ledger.wait(position, WAIT_S):
             raise Unknown(f"position {position} did not reach the disk in {WAIT_S} s")
-
-
-def _wall_ms() -> int:
-    """Epoch milliseconds as receivers know them: `--speed` does not scale their clocks."""
-    return time.time_ns() // 1_000_000
