@@ -56,6 +56,7 @@ from ledger.zenoh_bus import ZenohBus
 from projections.api.m4_scene_query import Beside, SceneQueries
 from projections.claims import WAIT_S as CLAIM_WAIT_S
 from projections.claims import ClaimWatch
+from projections.devices import door_reports, lift_reports
 from projections.find import Find
 from projections.history import History
 from projections.live import Live
@@ -208,7 +209,15 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         bus = ZenohBus(endpoint, ())
         stack.callback(bus.close)
         live = core.live
-        intake = Intake(bus, loop, telemetry, live.observe, live.intend, core.logs_messages_of)
+        intake = Intake(
+            bus,
+            loop,
+            telemetry,
+            live.observe,
+            live.intend,
+            core.logs_messages_of,
+            live.devices,
+        )
         intake.start()
         stack.callback(intake.stop)
         FeedServer(bus, core.ledger, core.visible_fleet)
@@ -270,8 +279,8 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
         partial(plans_at, settings.telemetry),
         Beside(
             config=wire,
-            doors=lambda live, fleet, scene: {},
-            lifts=lambda live, fleet, scene: {},
+            doors=door_reports,
+            lifts=lift_reports,
             map_resources=lambda fleet, scene: [],
         ),
     )

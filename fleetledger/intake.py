@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import msgspec
@@ -10,7 +10,7 @@ import structlog
 
 from ledger.bus import Bus
 from ledger.ids import SceneId
-from ledger.link import Plan, Report
+from ledger.link import DoorReport, DoorState, LiftReport, Plan, Report
 
 log = structlog.get_logger()
 
@@ -19,6 +19,11 @@ WRITE_EVERY_S = 0.2  # at most five records a second and robot
 
 _report = msgspec.json.Decoder(Report)
 _plans = msgspec.json.Decoder(list[Plan])
+_door_report: msgspec.json.Decoder[DoorReport | LiftReport] = msgspec.json.Decoder(DoorReport)
+_lift_report: msgspec.json.Decoder[DoorReport | LiftReport] = msgspec.json.Decoder(LiftReport)
+_door_states = msgspec.json.Decoder(list[DoorState])
+
+DEVICE_KEYS = ("scenes/*/doors/*/report", "scenes/*/lifts/*/report", "scenes/*/doors")
 
 
 class Log(Protocol):
@@ -29,6 +34,16 @@ class Log(Protocol):
 
     def write_plans(self, plans: list[Plan]) -> None:
         """Write plans."""
+
+
+class Devices(Protocol):
+    """Where news of doors and lifts goes; called on the event loop."""
+
+    def observe(self, report: DoorReport | LiftReport) -> None:
+        """Take in what a device reports."""
+
+    def intend(self, scene: SceneId, states: Sequence[DoorState]) -> None:
+        """Take in for whom the doors of a scene are open."""
 
 
 class Intake:
@@ -42,6 +57,7 @@ class Intake:
         observe: Callable[[Report], None],
         intend: Callable[[Plan], None],
         logged: Callable[[SceneId], bool] = lambda scene: True,
+        devices: Devices | None = None,
     ) -> None:
         """Take where messages come from and where they go, and which scenes' are written down.
 
@@ -52,8 +68,10 @@ class Intake:
         self._observe = observe
         self._intend = intend
         self._logged = logged
+        self._devices = devices
         self._lock = threading.Lock()
         self._raw: list[tuple[bool, bytes]] = []  # is a report, payload
+        self._device_raw: list[tuple[str, bytes]] = []  # key, payload
         self._woken = False
         self._reports: dict[str, Report] = {}  # to be logged, newest of each robot
         self._planned: dict[str, Plan] = {}
@@ -61,6 +79,8 @@ class Intake:
         self._writer = threading.Thread(target=self._write, name="telemetry", daemon=True)
         bus.subscribe("scenes/*/robots/*/report", lambda _, payload: self._heard(True, payload))
         bus.subscribe("scenes/*/plans", lambda _, payload: self._heard(False, payload))
+        for pattern in DEVICE_KEYS:
+            bus.subscribe(pattern, self._device_heard)
 
     def start(self) -> None:
         """Begin to log."""
@@ -75,10 +95,35 @@ class Intake:
         if wake:
             self._loop.call_soon_threadsafe(self._drain)
 
+    def _device_heard(self, key: str, payload: bytes) -> None:
+        with self._lock:
+            if len(self._device_raw) >= QUEUE_MAX:
+                return
+            self._device_raw.append((key, payload))
+            wake, self._woken = not self._woken, True
+        if wake:
+            self._loop.call_soon_threadsafe(self._drain)
+
+    def _take_devices(self, raw: list[tuple[str, bytes]]) -> None:
+        devices = self._devices
+        for key, payload in raw if devices is not None else ():
+            assert devices is not None
+            _, scene, *of_device = key.split("/")
+            try:
+                if len(of_device) == 1:
+                    devices.intend(SceneId(scene), _door_states.decode(payload))
+                else:
+                    kind = _door_report if of_device[0] == "doors" else _lift_report
+                    devices.observe(kind.decode(payload))
+            except msgspec.DecodeError as trouble:
+                log.warning("message dropped", reason=str(trouble), key=key)
+
     def _drain(self) -> None:
         with self._lock:
             raw, self._raw = self._raw, []
+            device_raw, self._device_raw = self._device_raw, []
             self._woken = False
+        self._take_devices(device_raw)
         for is_report, payload in raw:
             try:
                 if is_report:

@@ -16,10 +16,11 @@ from ledger.bus import PROPOSE_KEY, Bus, plans_key
 from ledger.events import AnyEvent
 from ledger.feed import FeedFollower
 from ledger.ids import RobotName, SceneId
-from ledger.link import Plan, Report
+from ledger.link import DoorReport, Plan, Report
 from ledger.proposals import AnyProposal
 from ledger.scene import Area, Group
 from scheduler.links.bus import BusLink
+from scheduler.links.devices import BusDevices, DeviceReport
 from scheduler.loop import Scheduler
 from scheduler.traffic.traffic import Traffic
 from sim.link import SimRole
@@ -31,6 +32,7 @@ PERIOD_S = 0.1  # of scaled time between two passes …
 PERIOD_REAL_S_MIN = 0.02  # … but no more often than this, which bounds --speed in effect
 PROPOSE_S_MAX = 10.0  # a core that takes longer is gone, and so shall we be
 FOLLOW_S_MAX = 5.0
+DEVICES_MAX = 10_000  # whose reports wait for the next pass
 
 
 _answers = msgspec.json.Decoder(ProposalsAnswer)
@@ -44,6 +46,7 @@ class Inbox:
         self._routes: list[Report] = []  # reports with a route answer TellRoute: none is dropped
         self._reports: dict[tuple[SceneId, RobotName], Report] = {}  # only the newest counts
         self._tokens: list[tuple[SceneId, RobotName, bool]] = []
+        self._devices: dict[tuple[SceneId, str, int], DeviceReport] = {}  # only the newest counts
 
     def report(self, report: Report) -> None:
         """Keep a report in place of the robot's last one."""
@@ -56,6 +59,22 @@ class Inbox:
         """Keep what happened to a token; the order matters."""
         with self._lock:
             self._tokens.append((scene, robot, alive))
+
+    def device(self, report: DeviceReport) -> None:
+        """Keep a report in place of the device's last one."""
+        if isinstance(report, DoorReport):
+            key = (report.scene, "door", report.door)
+        else:
+            key = (report.scene, "lift", report.lift)
+        with self._lock:
+            if key in self._devices or len(self._devices) < DEVICES_MAX:
+                self._devices[key] = report
+
+    def take_devices(self) -> list[DeviceReport]:
+        """Give the devices' reports in the order of their ids, and have none."""
+        with self._lock:
+            reports, self._devices = self._devices, {}
+        return [reports[key] for key in sorted(reports)]
 
     def take(self) -> tuple[list[Report], list[tuple[SceneId, RobotName, bool]]]:
         """Give everything and be empty; routes first, then reports by the robots' names."""
@@ -76,12 +95,14 @@ class SchedulerRole:
         self._follower = FeedFollower(bus)
         self._inbox = Inbox()
         link = BusLink(bus)
+        devices = BusDevices(bus)
         fleet = self._follower.start()
-        self.scheduler = Scheduler(fleet, self._propose, link, self._show, self._traffic)
+        self.scheduler = Scheduler(fleet, self._propose, link, self._show, self._traffic, devices)
+        devices.hear(self._inbox.device, _dropped)
         link.hear(
             self._inbox.report,
             self._inbox.alive,
-            lambda key, reason: log.warning("report dropped", key=key, reason=reason),
+            _dropped,
         )
 
     def tick(self, now_ms: int) -> None:
@@ -92,6 +113,8 @@ class SchedulerRole:
             self.scheduler.on_alive(scene, robot, alive)
         for report in reports:
             self.scheduler.on_report(report)
+        for device in self._inbox.take_devices():
+            self.scheduler.on_device(device)
         self.scheduler.tick(now_ms)
 
     def _propose(self, proposals: Sequence[AnyProposal]) -> Sequence[AnyEvent]:
@@ -108,6 +131,10 @@ class SchedulerRole:
     def _traffic(self, scene: SceneId, area: Area, groups: Sequence[Group]) -> Traffic:
         log.info("map is being compiled", scene=scene, area=area.name, points=len(area.points))
         return Traffic(scene, area, groups, self._cache)
+
+
+def _dropped(key: str, reason: str) -> None:
+    log.warning("report dropped", key=key, reason=reason)
 
 
 def run_scheduler(bus: Bus, clock: Clock, cache: Path, stop: threading.Event) -> None:

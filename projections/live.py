@@ -14,6 +14,7 @@ from ledger.ids import OrderId, RobotKey, SceneId, robot_key
 from ledger.link import Plan, Report
 from ledger.scene import Value
 from ledger.state import Fleet, Order
+from projections.devices import DevicesSeen
 
 WAIT_S = 5.0  # for a position, then the caller is told that it did not come
 WAITERS_MAX = 10_000
@@ -49,6 +50,7 @@ class Live:
         self.reports: dict[RobotKey, Report] = {}
         self.plans: dict[RobotKey, Plan] = {}
         self.recent: dict[RobotKey, deque[Report]] = {}
+        self.devices = DevicesSeen()
         self._ended_at: deque[tuple[int, OrderId]] = deque()  # position of the last event, order
         self._history_position = fleet.position
         self._newest: tuple[Order, ...] = ()

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TypeAlias
 
+from ledger.evolve_resources import device_key
 from ledger.ids import robot_key
 from ledger.proposals import (
     AnyProposal,
@@ -58,7 +59,9 @@ def _subject(fleet: Fleet, proposal: AnyProposal) -> Subject:
         state = 0 if robot is None else robot.idle_since_ms + robot.online
         return (what, proposal.scene, proposal.robot, state)
     if isinstance(proposal, FaultDevice | RecoverDevice):
-        return (what, proposal.scene, f"{proposal.kind}/{proposal.device}", 0)
+        fault = fleet.device_faults.get(device_key(proposal.scene, proposal.kind, proposal.device))
+        device = f"{proposal.kind}/{proposal.device}"
+        return (what, proposal.scene, device, 0 if fault is None else fault.at_ms)
     if isinstance(proposal, GrantMapResources):
         claims = (fleet.claims.get(unit) for unit in proposal.units)
         return (

@@ -14,7 +14,9 @@ from ledger.events import (
     AssignmentRejected,
     CommandAnswered,
     DeviceEvent,
+    DoorCloseAsked,
     ExecutionRejected,
+    ResourceEvent,
     RobotAdded,
     RobotReconnectAsked,
     RobotRemoved,
@@ -28,7 +30,7 @@ from ledger.events import (
 from ledger.events.orders import OfOrder
 from ledger.evolve import evolve
 from ledger.ids import RobotKey, RobotName, SceneId, robot_key
-from ledger.link import Act, Cancel, Plan, Reconnect, Report
+from ledger.link import Act, Cancel, DoorReport, LiftReport, Plan, Reconnect, Report
 from ledger.proposals import AnyProposal
 from ledger.state import Fleet, Order, Robot
 from scheduler.backoff import Backoff
@@ -36,6 +38,7 @@ from scheduler.dispatch.execution import due_action, due_cancel, goals, is_busy
 from scheduler.dispatch.phases import ALL, QUICK, dispatch
 from scheduler.dispatch.stopped import stopped
 from scheduler.instructions import Telling
+from scheduler.links.devices import DeviceLink, NoDevices
 from scheduler.links.protocol import RobotLink
 from scheduler.observe import Sighting, lost_after_ms, observe
 from scheduler.reconnects import Reconnects
@@ -81,6 +84,7 @@ class Scheduler:
         link: RobotLink,
         plans: Plans,
         traffic: TrafficFactory,
+        devices: DeviceLink | None = None,
     ) -> None:
         """Take the fleet over: from here on only the scheduler evolves it."""
         self._fleet = fleet
@@ -88,6 +92,7 @@ class Scheduler:
         self._link = link
         self._plans = plans
         self._traffic = traffic
+        self._devices = devices or NoDevices()
         self._backoff = Backoff()
         self._reconnects = Reconnects()
         self._telling = Telling()
@@ -129,6 +134,10 @@ class Scheduler:
             site.forget(event.robot)
         elif isinstance(event, RobotTrafficReset):
             site.reset(event.robot)
+        elif isinstance(event, ResourceEvent):
+            site.claims_changed = True
+        if isinstance(event, DoorCloseAsked):
+            site.devices.close(event.door)
         if not isinstance(event, _NO_NEWS):
             site.changed = True
 
@@ -144,6 +153,12 @@ class Scheduler:
         if site is not None:
             site.hear(report)
             self._heard.add(robot_key(report.scene, report.robot))
+
+    def on_device(self, report: DoorReport | LiftReport) -> None:
+        """Keep what a door or a lift says for the next tick."""
+        site = self._sites.get(report.scene)
+        if site is not None:
+            site.devices.hear(report)
 
     def on_alive(self, scene: SceneId, robot: RobotName, alive: bool) -> None:
         """Learn that a robot's token appeared or vanished."""
@@ -173,6 +188,9 @@ class Scheduler:
             )
             proposals.extend(self._reach(site, robots))
             site.take_in(robots, now_ms)
+            proposals.extend(site.reserve(self._fleet))
+            site.devices.take_in(site.scene, now_ms)
+            proposals.extend(site.devices.news(self._fleet, site.scene, now_ms))
             views[scene], found = self._dispatch(scene, site, robots)
             proposals.extend(found)
         fit = self._backoff.fit(self._fleet, proposals, now_ms) if proposals else []
@@ -271,6 +289,11 @@ class Scheduler:
         }
         for message in site.steer(self._now_ms, wanted, busy):
             self._link.tell(scene, message)
+        for order in site.tell_devices(self._now_ms):
+            self._devices.tell(scene, order)
+        states = site.devices.to_show(self._now_ms)
+        if states is not None:
+            self._devices.show(scene, states)
         pace = self._paces[scene]
         if self._now_ms - pace.plans_ms >= PLANS_MS:
             pace.plans_ms = self._now_ms

@@ -6,8 +6,9 @@ from typing import Protocol, TypeAlias
 
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Plan, Report, TellRoute
-from ledger.scene import Area, Group
+from ledger.scene import XY, Area, Door, Group
 from scheduler.goal import Goal
+from scheduler.traffic.doors import DoorNow
 
 
 class Roads(Protocol):
@@ -18,6 +19,9 @@ class Roads(Protocol):
 
     def cost_s(self, robot: RobotName, point: PointName) -> float:
         """Give the driving time from where its committed moves end; infinite = no route."""
+
+    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
+        """Name the owners whose reserved ground alone keeps the robot from there."""
 
 
 class TrafficLike(Roads, Protocol):
@@ -30,6 +34,15 @@ class TrafficLike(Roads, Protocol):
     def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
         """Take settings of the scene (SceneConfig), at once."""
 
+    def lay_doors(self, doors: Sequence[Door]) -> None:
+        """Let nobody pass these doors until they are known to be open; called once, at first."""
+
+    def follow_doors(self, now: Mapping[int, DoorNow]) -> None:
+        """Take in how the doors are."""
+
+    def wanted_doors(self) -> Mapping[int, tuple[RobotName, ...]]:
+        """Say by door for whom it must be open; said before robots are placed too."""
+
     def add(self, robot: RobotName, group: int) -> None:
         """Expect the robot here."""
 
@@ -41,6 +54,17 @@ class TrafficLike(Roads, Protocol):
 
     def lost(self, robot: RobotName) -> None:
         """Keep all that it holds, and wait for it no longer."""
+
+    def claim(
+        self, id_: str, owner: str, rings: Sequence[tuple[XY, ...]], *, owned: bool = False
+    ) -> None:
+        """Reserve ground: no robot but the owner's own enters it from now on."""
+
+    def unclaim(self, id_: str) -> None:
+        """Give reserved ground back."""
+
+    def claimed(self, id_: str) -> bool:
+        """Tell whether no other robot is on that ground any more."""
 
     def step(
         self, now_ms: int, goals: Mapping[RobotName, Goal], busy: AbstractSet[RobotName]

@@ -4,13 +4,16 @@ from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 
 from ledger.ids import PointName, RobotName
-from ledger.link import Drive, Plan, Report, TellRoute
+from ledger.link import Drive, Plan, Report, TellRoute, ToDevice
+from ledger.proposals import GrantMapResources
 from ledger.scene import Scene
 from ledger.state import Fleet, Order, Robot
 from scheduler.corridors import find_corridors
 from scheduler.current import Current, current
+from scheduler.devices import SiteDevices
 from scheduler.goal import Goal
 from scheduler.places import Place, find_places
+from scheduler.resources import Reservations
 from scheduler.roads import TrafficFactory, TrafficLike
 from scheduler.view import RobotView, View
 from scheduler.waiting import Waiting
@@ -29,11 +32,13 @@ class Site:
         self.reports: dict[RobotName, Report] = {}
         self.plans: dict[RobotName, Plan] = {}
         self.changed = True  # something happened that dispatch should look at
+        self.devices = SiteDevices(now_ms)
         self._factory = traffic
         self._since_ms = now_ms
         self._queues: dict[RobotName, list[Report]] = {}
         self._watches: dict[RobotName, Watch] = {}
         self._memo: dict[RobotName, tuple[tuple[Order, ...], Current | None]] = {}
+        self._broken_doors: frozenset[str] = frozenset()
         self._resets: set[RobotName] = set()  # asked for, and not done yet
         self.build(scene)
 
@@ -47,10 +52,14 @@ class Site:
             for area in sorted(scene.areas, key=lambda a: a.id)
             if not area.disabled
         }
+        for traffic in self.traffic.values():
+            traffic.lay_doors(scene.doors)
         self._expected: dict[RobotName, frozenset[int]] = {}  # areas whose traffic knows of it
         self._groups: dict[RobotName, int] = {}  # as those areas know it
         self._lost: set[RobotName] = set()
         self._settled: set[int] = set()  # areas whose traffic has been ready once
+        self._reservations = Reservations()  # of which the new traffic knows nothing
+        self.claims_changed = True
         self.plans.clear()
         for name, report in self.reports.items():
             self._queues.setdefault(name, []).append(report)
@@ -191,6 +200,7 @@ class Site:
             robots={robot.name: self._robot(fleet, robot) for robot in robots},
             waiting=waiting,
             roads=self,
+            broken_doors=self._broken_doors,
             reallocate=reallocate,
         )
 
@@ -229,16 +239,46 @@ class Site:
         traffic = self._traffic_of(robot)
         return float("inf") if traffic is None else traffic.cost_s(robot, point)
 
+    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
+        """Ask the traffic of the robot's area."""
+        traffic = self._traffic_of(robot)
+        return () if traffic is None else traffic.reserved(robot, point)
+
+    def reserve(self, fleet: Fleet) -> list[GrantMapResources]:
+        """Have traffic keep reserved ground free; gives what it has got since."""
+        if self.claims_changed:
+            self.claims_changed = False
+            claims = [c for c in fleet.claims.values() if c.scene == self.scene.id]
+            self._reservations.follow(claims, self.scene.areas, self.traffic)
+        return self._reservations.due(self.scene.id, self.traffic)
+
     def steer(
         self, now_ms: int, goals: Mapping[RobotName, Goal], busy: AbstractSet[RobotName]
     ) -> list[Drive | TellRoute]:
         """Let every area's traffic move its robots."""
         messages: list[Drive | TellRoute] = []
+        doors = self.devices.doors(self.scene, now_ms) if self.scene.doors else {}
         for area, traffic in self.traffic.items():
+            if doors:
+                traffic.follow_doors(doors)
+                self._broken_doors = frozenset(
+                    door.name for door in self.scene.doors if not doors[door.id].works
+                )
             here = {name for name, areas in self._expected.items() if area in areas}
             mine = {name: goal for name, goal in goals.items() if name in here}
             messages.extend(traffic.step(now_ms, mine, frozenset(busy & here)))
         return messages
+
+    def tell_devices(self, now_ms: int) -> list[ToDevice]:
+        """Say what doors and lifts are to be told, after `steer`."""
+        if not (self.scene.doors or self.scene.lifts):
+            return []
+        wanted: dict[int, tuple[RobotName, ...]] = {}
+        for traffic in self.traffic.values():
+            wanted.update(traffic.wanted_doors())
+        waited_for = self.traffic.keys() - self._settled
+        settled = frozenset(area.id for area in self.scene.areas if area.id not in waited_for)
+        return self.devices.tell(self.scene, wanted, settled, now_ms)
 
     def take_plans(self, now_ms: int) -> list[Plan]:
         """Ask what traffic intends; it also says which robots it can move."""

@@ -58,6 +58,7 @@ class View(Value, frozen=True, kw_only=True):
     robots: Mapping[RobotName, RobotView]  # of this scene, sorted by name
     waiting: Sequence[Order]  # business orders without a robot, most urgent first; a limited slice
     roads: Roads
+    broken_doors: frozenset[str] = frozenset()  # names: out of service, faulted, or not heard
     reallocate: bool = False  # may running orders change robots in this pass
 
     def place(self, location: str) -> Place | None:
@@ -75,6 +76,12 @@ class View(Value, frozen=True, kw_only=True):
         if place is None or robot.report is None or robot.report.area != place.area:
             return float("inf")
         return self.roads.cost_s(robot.name, place.point.name)
+
+    def reserved(self, robot: RobotView, place: Place | None) -> tuple[str, ...]:
+        """Name the owners of reserved ground without which there would be a route."""
+        if place is None or robot.report is None or robot.report.area != place.area:
+            return ()
+        return self.roads.reserved(robot.name, place.point.name)
 
     def levels(self, robot: RobotView) -> ChargingLevels:
         """Give the charging levels of its group."""

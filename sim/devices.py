@@ -19,6 +19,7 @@ DOOR_S = 2.0  # from closed to open, and back
 QUIET_S = 5.0  # a device that has not been told for so long is let go
 QUIET_STEP_S_MAX = 1.0  # of one step: while we stood still nobody could tell it anything
 SAVED_VERSION = 1
+REMEMBERED_MAX = 10_000
 
 Key: TypeAlias = tuple[SceneId, DeviceKind, int]
 
@@ -85,7 +86,7 @@ class SimDoor:
 
     def tell(self, message: TellDoor) -> None:
         """Obey from now on."""
-        self.number = message.number if message.open else 0
+        self.number = max(message.number, 1) if message.open else 0
         self.quiet_s = 0.0
 
     def step(self, dt_s: float) -> None:
@@ -228,9 +229,11 @@ class Devices:
                     for device in devices:
                         if device.simulated:
                             wanted[scene.id, kind, device.id] = (scene, device)
-        for key in self._devices.keys() - wanted.keys():
-            del self._devices[key]
+        for key in sorted(self._devices.keys() - wanted.keys()):  # they may come back
+            self._remembered[key] = self._devices.pop(key).saved()
             self._said.pop(key, None)
+        while len(self._remembered) > REMEMBERED_MAX:
+            del self._remembered[next(iter(self._remembered))]
         for key, (scene, device) in wanted.items():
             self._have(key, scene.id, device)
 

@@ -11,6 +11,7 @@ from ledger.errors import Refused
 from ledger.ids import OrderId
 from projections.api.answers import answered, moment
 from projections.api.m4_answers import OrderDetail
+from projections.api.m4_devices import device_routes
 from projections.api.m4_entities import entity_routes
 from projections.api.m4_models import AsOf, DetailAsked, SceneDataAsked
 from projections.api.m4_orders import detail
@@ -29,6 +30,7 @@ def router(queries: SceneQueries, route_class: type[APIRoute]) -> APIRouter:
     _order_detail(made, queries.find)
     robot_routes(made, queries)
     scene_routes(made, queries)
+    device_routes(made, queries)
     _scene_query(made, queries)
     return made
 

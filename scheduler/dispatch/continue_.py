@@ -1,7 +1,7 @@
 """Phase *continue*: robots begin, finish and fail the steps of the orders they have."""
 
 from ledger.ids import OrderId, RobotName
-from ledger.link import ActionPhase
+from ledger.link import DOOR, EXTERNAL, ActionPhase
 from ledger.proposals import (
     AnyProposal,
     FaultOrder,
@@ -143,6 +143,15 @@ def _obstacle(
         return None, {}
     if not robot.ready:
         return Why.ROBOT_NOT_READY, {robot.name: Why.ROBOT_NOT_READY.value}
+    doors = sorted(name for name in robot.blocked_by if name.startswith(DOOR))
+    if doors:
+        broken = any(name.removeprefix(DOOR) in view.broken_doors for name in doors)
+        why = Why.DOOR_FAULT if broken else Why.DOOR_CLOSED
+        return why, dict.fromkeys(doors, why.value)
+    owners = view.reserved(robot, place)
+    if owners:
+        whose = (RobotName(f"{EXTERNAL}{owner}") for owner in owners)
+        return Why.GROUND_RESERVED, dict.fromkeys(whose, Why.GROUND_RESERVED.value)
     if view.cost_s(robot, place) == float("inf"):
         return Why.NO_ROUTE, {}
     if robot.report is not None and robot.report.blocked:

@@ -22,10 +22,13 @@ class Why(StrEnum):
     ROBOT_NO_MORE_BIN = "RobotNoMoreBin"  # each of its bins has an order or a load
     ROBOT_TAKEN_BY_OTHER = "RobotTakenByOther"  # a better order got its last bin just now
     NO_ROUTE = "NoRoute"  # cannot drive to the order's first location
+    GROUND_RESERVED = "GroundReserved"  # could get there, but for ground reserved for somebody
     CORRIDOR_FULL = "CorridorFull"  # robots enough are about in a single-lane aisle it leads to
     ROBOT_BLOCKED = "RobotBlocked"  # has a way, but has not moved for long
     ROBOT_OBSTRUCTED = "RobotObstructed"  # its own sensors see something in the way
     ROBOT_IN_THE_WAY = "RobotInTheWay"  # stands or drives where another wants to go
+    DOOR_CLOSED = "DoorClosed"  # has waited for long for a door to open
+    DOOR_FAULT = "DoorFault"  # its only way leads through a door that does not work
     LOCATION_UNKNOWN = "LocationUnknown"  # the map has no such point or bin any more
     ORDER_SUSPENDED = "OrderSuspended"  # somebody holds the order up
     SCENE_DISABLED = "SceneDisabled"  # taken out of service as a whole

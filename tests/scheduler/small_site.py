@@ -5,6 +5,7 @@ from collections.abc import Set as AbstractSet
 from itertools import pairwise
 
 import msgspec
+import shapely
 
 from ledger.events import OrderCreated, RobotAdded, SceneImported
 from ledger.ids import BinName, OrderId, PointName, RobotName, SceneId
@@ -20,9 +21,11 @@ from ledger.link import (
     ToRobot,
 )
 from ledger.scene import (
+    XY,
     Area,
     Bin,
     BinTask,
+    Door,
     Group,
     Path,
     Point,
@@ -32,6 +35,7 @@ from ledger.scene import (
 from ledger.scene_config import SceneConfig
 from ledger.state import StepTask
 from scheduler.goal import Goal
+from scheduler.traffic.doors import DoorNow
 
 SCENE = SceneId("5f0000000000000000000001")
 ACTION_MS = 2_000
@@ -114,6 +118,7 @@ class SmallTraffic:
         self.busy: AbstractSet[RobotName] = frozenset()
         self.goals: Mapping[RobotName, Goal] = {}
         self.last_ms: int | None = None
+        self.claims: dict[str, tuple[str, tuple[tuple[XY, ...], ...], bool]] = {}
         self.tuned: tuple[float, float, int] | None = None
 
     def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
@@ -122,6 +127,15 @@ class SmallTraffic:
     @property
     def ready(self) -> bool:
         return all(x is not None or r in self.gone for r, x in self.known.items())
+
+    def lay_doors(self, doors: Sequence[Door]) -> None:
+        pass
+
+    def follow_doors(self, now: Mapping[int, DoorNow]) -> None:
+        pass
+
+    def wanted_doors(self) -> Mapping[int, tuple[RobotName, ...]]:
+        return {}
 
     def add(self, robot: RobotName, group: int) -> None:
         assert robot not in self.known, "added twice"
@@ -157,7 +171,37 @@ class SmallTraffic:
 
     def cost_s(self, robot: RobotName, point: PointName) -> float:
         x_m = self.known[robot]
-        return float("inf") if x_m is None else abs(self.at[point] - x_m)
+        if x_m is None or self.reserved(robot, point):
+            return float("inf")
+        return abs(self.at[point] - x_m)
+
+    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
+        """Owners of ground that holds the point; the line leads past it all the same."""
+        here = shapely.Point(self.at[point], 0.0)
+        return tuple(
+            sorted(
+                owner
+                for owner, rings, _ in self.claims.values()
+                if owner != robot and any(shapely.Polygon(ring).covers(here) for ring in rings)
+            )
+        )
+
+    def claim(
+        self, id_: str, owner: str, rings: Sequence[tuple[XY, ...]], *, owned: bool = False
+    ) -> None:
+        assert id_ not in self.claims, "claimed twice"
+        self.claims[id_] = (owner, tuple(rings), owned)
+
+    def unclaim(self, id_: str) -> None:
+        del self.claims[id_]
+
+    def claimed(self, id_: str) -> bool:
+        """Ground is free once nobody but its owner stands on it."""
+        owner, rings, owned = self.claims[id_]
+        bodies = [
+            shapely.Point(x, 0.0) for r, x in self.known.items() if r != owner and x is not None
+        ]
+        return owned or not any(shapely.Polygon(g).covers(b) for g in rings for b in bodies)
 
     def plans(self, now_ms: int) -> list[Plan]:
         return [
