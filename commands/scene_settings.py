@@ -37,20 +37,21 @@ SETTINGS = (
         field="state_fetch_ms",
         unit="ms",
         bounds=(10, 60_000),
-        effect="Robots that are asked for their state are asked so often.",
+        effect="A robot says how it is at least so often, and oftener while it moves.",
     ),
     Setting(
         name="robotStateFailureNumToAutoConnect",
         field="state_failures_to_reconnect",
         bounds=(1, INT_MAX),
-        effect="After so many states missed in a row the robot is connected anew.",
+        effect="After so many reports missed in a row, and 2 s at the least, a robot counts as "
+        "offline and is reached for again.",
     ),
     Setting(
         name="robotStateErrorToAutoReconnectMax",
         field="reconnects_max",
         bounds=(0, INT_MAX),
-        effect="After so many vain reconnections in a row the robot is given up (`noAc`) until "
-        "`robots/reconnect`.",
+        effect="After so many vain attempts in a row to reach it a robot is given up (`noAc`) "
+        "until `robots/reconnect`.",
     ),
     Setting(
         name="noOpLog",
@@ -106,21 +107,22 @@ SETTINGS = (
     Setting(
         name="noReallocation",
         field="reallocation_off",
-        effect="True: an order stays with its robot.",
+        effect="True: an order stays with its robot, unless that is disabled.",
     ),
     Setting(
         name="dispatchSort",
         field="dispatch_sort",
-        effect="Waiting orders are taken in this order, `-` in front = descending; of "
-        f"{', '.join(f'`{f}`' for f in DISPATCH_SORT_FIELDS)}. Empty = higher priority, then "
-        "longer wait.",
+        effect="In what order waiting orders are taken: fields of "
+        f"{', '.join(f'`{f}`' for f in DISPATCH_SORT_FIELDS)}, `-` in front = descending; empty = "
+        "higher priority first. Among equals the cheapest way wins.",
     ),
     Setting(
         name="dispatchAcceptableTimeout",
         field="dispatch_wait_s_max",
         unit="s",
         bounds=(0, LONG_MAX),
-        effect="Among orders of one priority those that have waited longer go first.",
+        effect="Orders that have waited longer go before all others, or where dispatchSort is "
+        "empty before the others of their priority.",
     ),
     Setting(
         name="chargingPaused",
@@ -197,7 +199,8 @@ SETTINGS = (
     Setting(
         name="selectConfig",
         field="selection",
-        effect="The client's own text: kept and given back.",
+        effect="The client's own text: kept and given back; up to "
+        f"{SELECTION_CHARS_MAX} characters.",
     ),
     Setting(
         name="parkIdleTime",

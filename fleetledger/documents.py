@@ -6,7 +6,9 @@ from typing import get_type_hints
 
 import msgspec
 
+from commands.scene_settings import CHARGING, SETTINGS, Setting
 from ledger.events import EVENTS, Event
+from ledger.scene_config import ChargingLevels, SceneConfig
 from projections.sql_views import views_page
 
 ROOT = Path(__file__).parent.parent
@@ -60,8 +62,46 @@ def _type_name(hint: object) -> str:
     return f"`{name.replace('ledger.events.orders.', '')}`".replace("|", "or")
 
 
+_SETTINGS_HEAD = """# Settings of a scene
+
+Written from `commands/scene_settings.py` by `make docs`; do not edit.
+`GET /api/fleet/scenes/{id}/config` reads them.
+`POST` there, or to `config/patch`, changes those that it names: an event, effective at once.
+In scene files they stand in `config` by the name in the second column.
+A change that nothing would obey is refused (`errSceneConfigUnsupported`).
+So is a setting that is not in this table (`errFieldUnknown`).
+"""
+
+
+def settings_page() -> str:
+    """Describe every setting: its default, its unit, and its effect or why it has none."""
+    parts = [_SETTINGS_HEAD, *_table(SETTINGS, SceneConfig())]
+    parts.append("\n## chargingConfig\n")
+    parts.append(
+        "`defaultConfig` is for all robot groups, `groupedConfigs` for the groups by id that "
+        "differ.\n`chargeOnly` <= `chargeNeed` <= `chargeOk` <= `chargeFull` must hold.\n"
+    )
+    parts += _table(CHARGING, ChargingLevels())
+    return "\n".join(parts) + "\n"
+
+
+def _table(settings: tuple[Setting, ...], defaults: msgspec.Struct) -> list[str]:
+    rows = [
+        "| setting | in files | default | unit | values | effect |",
+        "|---|---|---|---|---|---|",
+    ]
+    for setting in settings:
+        default = msgspec.json.encode(getattr(defaults, setting.field)).decode()
+        bounds = "" if setting.bounds is None else "{:.15g} to {:.15g}".format(*setting.bounds)
+        values = "default only" if setting.fixed else bounds
+        effect = f"None: {setting.fixed}." if setting.fixed else setting.effect
+        cells = (f"`{setting.name}`", f"`{setting.field}`", f"`{default}`", setting.unit, values)
+        rows.append(f"| {' | '.join(cells)} | {effect} |")
+    return rows
+
+
 # each page by its name in docs/, and what writes it
-WRITTEN = {"events.md": events_page, "sql.md": views_page}
+WRITTEN = {"events.md": events_page, "settings.md": settings_page, "sql.md": views_page}
 
 
 def main() -> None:

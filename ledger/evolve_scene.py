@@ -84,9 +84,11 @@ def _change(fleet: Fleet, event: SceneEvent, **fields: Any) -> None:
 
 
 def _remove(fleet: Fleet, event: SceneRemoved) -> None:
-    """Keep the name, for finished orders have it; robots and reservations go."""
+    """Keep the name, for finished orders have it; robots, reservations and faults go."""
     _change(fleet, event, removed=True, disabled=True, areas=(), doors=(), lifts=())
     for key in [k for k, robot in fleet.robots.items() if robot.scene == event.scene]:
         del fleet.robots[key]
     for unit in [u for u, claim in fleet.claims.items() if claim.scene == event.scene]:
         del fleet.claims[unit]
+    for key in [k for k, fault in fleet.device_faults.items() if fault.scene == event.scene]:
+        del fleet.device_faults[key]
