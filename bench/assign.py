@@ -38,6 +38,10 @@ class _Grid:
         (ax, ay), (bx, by) = self._at[robot], self._at[point]
         return abs(ax - bx) + abs(ay - by)
 
+    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
+        """Nothing is."""
+        return ()
+
 
 def _site(robots: int, orders: int, *, busy: bool, seed: int = 1) -> View:
     chance = random.Random(seed)

@@ -25,6 +25,7 @@ from scheduler.dispatch.matching import FORBIDDEN, Table, match_greedy, match_km
 from scheduler.dispatch.reasons import NotAssigned, Why
 from scheduler.dispatch.refusals import refusals
 from scheduler.dispatch.withdraw import is_withdrawable
+from scheduler.places import Place
 from scheduler.urgency import Urgency, rank, urgency
 from scheduler.view import RobotView, View
 
@@ -214,7 +215,8 @@ class _Assignment:
             if why is None and cost_s < FORBIDDEN:
                 cheap.append((cost_s, name))
             else:
-                others.append(Candidate(robot=name, reason=(why or Why.NO_ROUTE).value))
+                why = why or self._no_way(robot, place)
+                others.append(Candidate(robot=name, reason=why.value))
         candidates = [
             Candidate(robot=name, cost_s=round(cost_s, 3)) for cost_s, name in sorted(cheap)
         ]
@@ -232,6 +234,9 @@ class _Assignment:
             return Why.ROBOT_NOT_WANTED
         return self.standing[robot.name]
 
+    def _no_way(self, robot: RobotView, place: Place | None) -> Why:
+        return Why.GROUND_RESERVED if self.view.reserved(robot, place) else Why.NO_ROUTE
+
     def _reasons_for(self, order: Order) -> dict[RobotName, str]:
         """Give every robot's reason; one dictionary for all orders that ask for the same."""
         place = first_place(self.view, order)
@@ -246,6 +251,6 @@ class _Assignment:
                 if why is None:
                     reachable = self.costs.cost_s(robot, place) < FORBIDDEN
                     taken = Why.CORRIDOR_FULL if crowded else Why.ROBOT_TAKEN_BY_OTHER
-                    why = taken if reachable else Why.NO_ROUTE
+                    why = taken if reachable else self._no_way(robot, place)
                 reasons[name] = why.value
         return reasons

@@ -18,7 +18,7 @@ import shapely
 from ledger.ids import RobotName
 from ledger.scene import XY
 from scheduler.traffic.admission import NEVER
-from scheduler.traffic.costs import INFINITE, Costs
+from scheduler.traffic.costs import INFINITE, WAYS_MAX, Costs
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.moves import Moves
@@ -69,6 +69,7 @@ class Claims:
         self._claims: dict[str, Claim] = {}
         self._pending: set[str] = set()
         self._closures: dict[Ids, Closure] = {}
+        self._in_way: dict[tuple[int, int, float, int, Ids], tuple[str, ...]] = {}
         self._closed_costs: dict[tuple[int, Ids], Costs] = {}
         self._inner_turns: dict[int, set[int]] | None = None  # point -> moves that turn on it
 
@@ -155,6 +156,7 @@ class Claims:
         """Find the dead ends anew: where a lane is reserved in its middle, there are two."""
         self._closures.clear()
         self._closed_costs.clear()
+        self._in_way.clear()
         self.roadmap = self._open
         closed = self.closure(frozenset(self._claims))
         if not closed.moves:
@@ -178,6 +180,7 @@ class Claims:
     def ways_changed(self) -> None:
         """The costs of the open map are others now."""
         self._closed_costs.clear()
+        self._in_way.clear()
 
     # -- what they close, and for whom
 
@@ -273,11 +276,25 @@ class Claims:
         open_costs = self._costs[track.group]
         if track.costs is open_costs or track.costs.cost_s(place, heading, goal) < INFINITE:
             return ()
-        if open_costs.cost_s(place, heading, goal) == INFINITE:
+        ids = self.barring(track)
+        key = track.group, place, heading, goal, ids
+        found = self._in_way.get(key)
+        if found is None:
+            found = self._first_in_way(open_costs, place, heading, goal, ids)
+            if len(self._in_way) >= WAYS_MAX:
+                self._in_way.clear()
+            self._in_way[key] = found
+        return found
+
+    def _first_in_way(
+        self, costs: Costs, place: int, heading: float, goal: int, ids: Ids
+    ) -> tuple[str, ...]:
+        """Follow the way over the open map to the first claim on it."""
+        if costs.cost_s(place, heading, goal) == INFINITE:
             return ()
-        barring = [self._claims[id_] for id_ in sorted(self.barring(track))]
+        barring = [self._claims[id_] for id_ in sorted(ids)]
         for _ in range(WAY_MAX):
-            ways = [] if place == goal else open_costs.ways(place, heading, goal)
+            ways = [] if place == goal else costs.ways(place, heading, goal)
             if not ways:
                 break
             _, move = min(ways)

@@ -28,17 +28,25 @@ class Line:
     """Roads on a line at 1 m/s; some points cannot be reached."""
 
     def __init__(
-        self, x_m: Mapping[str, float], points: Mapping[str, float], cut: set[str]
+        self,
+        x_m: Mapping[str, float],
+        points: Mapping[str, float],
+        cut: set[str],
+        owners: Mapping[str, tuple[str, ...]] | None = None,
     ) -> None:
         self.x_m, self.points, self.cut = x_m, points, cut
+        self.owners = owners or {}
 
     def stands_at(self, robot: RobotName, point: PointName) -> bool:
         return self.x_m[robot] == self.points[point]
 
     def cost_s(self, robot: RobotName, point: PointName) -> float:
-        if point in self.cut:
+        if point in self.cut or point in self.owners:
             return float("inf")
         return abs(self.x_m[robot] - self.points[point])
+
+    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
+        return self.owners.get(point, ())
 
 
 class Situation:
@@ -49,6 +57,7 @@ class Situation:
         self.core.happen(imported(config, **spots))
         self.reports: dict[RobotName, Report] = {}
         self.cut: set[str] = set()  # points that no route leads to
+        self.owners: dict[str, tuple[str, ...]] = {}  # of reserved ground, by point
         self.unready: set[str] = set()
         self.still_since_ms: dict[str, int] = {}
         self.charging_since_ms: dict[str, int] = {}
@@ -106,7 +115,7 @@ class Situation:
             places=find_places(scene),
             robots=robots,
             waiting=sorted(waiting, key=lambda o: (-o.priority, o.created_ms, o.id)),
-            roads=Line({n: r.x_m for n, r in self.reports.items()}, points, self.cut),
+            roads=Line({n: r.x_m for n, r in self.reports.items()}, points, self.cut, self.owners),
             reallocate=reallocate,
         )
 
