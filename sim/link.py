@@ -26,6 +26,8 @@ from ledger.evolve import evolve
 from ledger.ids import RobotKey, SceneId, robot_key
 from ledger.link import ToRobot
 from ledger.state import Fleet, Robot
+from sim.device_link import DeviceLink
+from sim.devices import Devices
 from sim.world import World
 
 log = structlog.get_logger()
@@ -68,6 +70,7 @@ class SimRole:
         self._bus = bus
         self._follower = follower
         self._world = world
+        self._devices = DeviceLink(bus, memory)
         self._memory = memory
         self._report_ms = report_ms
         self._fleet = Fleet()
@@ -96,6 +99,12 @@ class SimRole:
                 log.warning("simulated robots are placed anew", reason=str(error))
         self._fleet = self._follower.start()
         self._connect(now_ms)
+        self._devices.start(now_ms)
+
+    @property
+    def devices(self) -> Devices:
+        """The doors and lifts."""
+        return self._devices.devices
 
     def tick(self, now_ms: int) -> None:
         """Hear, let time pass up to now, and report. Call it as often as smoothness is wanted."""
@@ -108,6 +117,7 @@ class SimRole:
         if dt_ms > 0:
             self._world.step(dt_ms / 1000)
             self._now_ms = now_ms
+        self._devices.tick(self._fleet, now_ms)
         if now_ms >= self._report_due_ms:
             self._report_due_ms = now_ms - now_ms % self._report_ms + self._report_ms
             self._report(now_ms)
