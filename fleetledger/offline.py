@@ -105,7 +105,8 @@ def replay(data: Path, *, at: str, scene: str | None, as_json: bool, rerun: bool
     if as_json:
         sys.stdout.buffer.write(fleet.canonical() + b"\n")
         return
-    scenes = [SceneId(scene)] if scene is not None else list(fleet.scenes)
+    present = [id_ for id_, known in fleet.scenes.items() if not known.removed]
+    scenes = [SceneId(scene)] if scene is not None else present
     reports = {id_: reports_at(data / "telemetry", id_, at_ms) for id_ in scenes}
     out.print(describe(fleet, reports))
 

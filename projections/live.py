@@ -7,7 +7,14 @@ from collections.abc import Sequence
 from itertools import count
 from threading import Lock
 
-from ledger.events import AnyEvent, OrderCancelled, OrderCreated, OrderFinished
+from ledger.events import (
+    AnyEvent,
+    OrderCancelled,
+    OrderCreated,
+    OrderFinished,
+    RobotRemoved,
+    SceneRemoved,
+)
 from ledger.evolve import evolve
 from ledger.evolve_order import order_after
 from ledger.ids import OrderId, RobotKey, SceneId, robot_key
@@ -76,11 +83,24 @@ class Live:
                 elif isinstance(event, OrderCreated):
                     self._in_order = self._in_order and event.at_ms >= self._newest_created_ms
                     self._newest_created_ms = max(self._newest_created_ms, event.at_ms)
+                elif isinstance(event, RobotRemoved | SceneRemoved):
+                    self._drop(event)
                 evolve(self.fleet, event)
         while self._waiters and self._waiters[0][0] <= self.fleet.position:
             _, _, waiter = heapq.heappop(self._waiters)
             if not waiter.done():
                 waiter.set_result(None)
+
+    def _drop(self, event: RobotRemoved | SceneRemoved) -> None:
+        """Forget what robots that have left said: one with the same name may come."""
+        gone = (
+            [robot_key(event.scene, event.robot)]
+            if isinstance(event, RobotRemoved)
+            else [key for key, robot in self.fleet.robots.items() if robot.scene == event.scene]
+        )
+        for key in gone:
+            for said in (self.reports, self.plans, self.recent):
+                said.pop(key, None)
 
     def _end(self, event: OrderFinished | OrderCancelled) -> None:
         ended = order_after(self.fleet.orders[event.order], event)

@@ -100,7 +100,7 @@ def _stretch(
 
 def _scene(fleet: Fleet, scene: str | None) -> Scene:
     if scene is None:
-        chosen = next(iter(fleet.scenes.values()), None)
+        chosen = next((s for s in fleet.scenes.values() if not s.removed), None)
     else:
         chosen = fleet.scenes.get(SceneId(scene))
     if chosen is None:

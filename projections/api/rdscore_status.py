@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import msgspec
 
 from ledger.ids import RobotKey, robot_key
-from ledger.scene import PointKind
+from ledger.scene import PointKind, Scene
 from ledger.state import Order, OrderStatus, Robot
 from projections.api.rdscore_rbk import Known, alarms_of, legacy
 from projections.api.rdscore_report import missing_kinds, vehicle
@@ -68,11 +68,14 @@ class Status:
             order=_current([live.fleet.orders[id_] for id_ in robot.orders]),
         )
 
+    def _scenes(self) -> list[Scene]:
+        return [scene for scene in self._live.fleet.scenes.values() if not scene.removed]
+
     def _frame(self, now_ms: int, devices: Collection[str]) -> Row:
-        scenes = self._live.fleet.scenes
+        scenes = self._scenes()
         core = self._alarms()
-        digests = [scene.digest for scene in scenes.values()]
-        models = [scene.groups for scene in scenes.values()]
+        digests = [scene.digest for scene in scenes]
+        models = [scene.groups for scene in scenes]
         return {
             **envelope(0, "ok", now_ms),
             **{name: [] for name in devices},  # we drive none yet
@@ -93,7 +96,7 @@ class Status:
         """Say which robots have nowhere to charge or to park."""
         alarms = alarms_of(())
         live = self._live
-        for scene in live.fleet.scenes.values():
+        for scene in self._scenes():
             names = [r.name for r in live.fleet.robots.values() if r.scene == scene.id]
             for kind in missing_kinds(scene) if names else ():
                 code, word = CODES[kind]

@@ -2,9 +2,10 @@
 
 import asyncio
 
+from ledger.events import RobotRemoved, SceneRemoved, stamped
 from ledger.evolve import fold
-from ledger.ids import RobotName, robot_key
-from ledger.link import Report
+from ledger.ids import CommandId, RobotName, robot_key
+from ledger.link import Plan, Report
 from ledger.state import Fleet
 from projections.live import REPORTS_KEPT, Live
 from tests.projections.past import all_orders, long_log
@@ -61,3 +62,13 @@ def test_a_report_that_was_overtaken_is_dropped() -> None:
     for at_ms in range(8, 100):
         live.observe(report(at_ms))
     assert len(live.recent[key]) == REPORTS_KEPT
+
+
+def test_what_robots_said_that_have_left_is_forgotten() -> None:
+    r1 = RobotName("R1")
+    for gone in (RobotRemoved(scene=SCENE, robot=r1), SceneRemoved(scene=SCENE)):
+        live = Live(fold(Fleet(), LOG.events[:7]))
+        live.observe(report(1))
+        live.intend(Plan(scene=SCENE, robot=r1, at_ms=1, ready=True))
+        live.apply([stamped(gone, live.position + 1, LOG.events[6].at_ms, "a", CommandId("c"))])
+        assert not live.reports and not live.plans and not live.recent
