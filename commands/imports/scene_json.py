@@ -17,12 +17,34 @@ __all__ = ["check_references", "digest", "read_any", "read_scene", "write_scene"
 SCENE_BYTES_MAX = 256 * 1024 * 1024
 
 
+class _Robot(msgspec.Struct):
+    gateway_secret: str | None = None  # what files of earlier versions may hold
+
+
+class _Robots(msgspec.Struct):
+    robots: tuple[_Robot, ...] = ()
+
+
+def _check_no_secret(raw: bytes) -> None:
+    """Refuse a file with a secret in it: what is imported goes to the ledger as it is."""
+    if b'"gateway_secret"' not in raw:
+        return
+    for i, robot in enumerate(msgspec.json.decode(raw, type=_Robots).robots):
+        if robot.gateway_secret:
+            words = (
+                f"robots[{i}].gateway_secret: a scene file holds no secret; leave it and "
+                "'connection' out, and give both by robot/update/config"
+            )
+            raise Refused(BAD_SCENE, words, i)
+
+
 def read_scene(raw: bytes) -> SceneFile:
     """Read SCENE.json. Raises Refused, naming the JSON path of what is wrong."""
     if len(raw) > SCENE_BYTES_MAX:
         raise Refused(BAD_SCENE, f"a scene file has at most {SCENE_BYTES_MAX} bytes", len(raw))
     try:
         scene = msgspec.json.decode(raw, type=SceneFile)
+        _check_no_secret(raw)
     except msgspec.ValidationError as error:
         raise Refused(BAD_SCENE, f"scene file: {error}") from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -8,6 +8,15 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from commands.decide import decide, decide_proposal
+from commands.instructions import (
+    CancelNavigation,
+    ClearRobotAlarms,
+    ControlRobots,
+    PauseRobots,
+    ReconnectRobots,
+    SoftStopRobots,
+)
+from commands.order_suspension import SuspendOrders
 from commands.orders import (
     CancelAllOrders,
     CancelOrder,
@@ -18,16 +27,13 @@ from commands.orders import (
     SealOrder,
     SealOrders,
 )
+from commands.recovery import RecoverRobots
 from commands.rejected import Rejected
-from commands.robots import (
-    ClearRobotBins,
-    CreateRobots,
-    CreateRobotSeries,
-    DisableRobots,
-    RemoveRobots,
-    SendRobotsOffDuty,
-)
-from commands.scenes import ConfigureScene, ImportScene, scene_digest
+from commands.robot_config import ReconfigureRobot, ReconfigureRobots, RobotConfigPatch
+from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
+from commands.robots import CreateRobots, CreateRobotSeries, RemoveRobots
+from commands.scene_config import ConfigureScene
+from commands.scenes import ImportScene, scene_digest
 from commands.steps import AddSteps, ChangeSteps, DeleteSteps, StepPatch
 from ledger.events import AnyEvent, OrderCreated
 from ledger.ids import OrderId, RobotName, SceneId, StepId
@@ -38,6 +44,7 @@ from ledger.proposals import (
     DisconnectRobot,
     FaultOrder,
     FinishStep,
+    GiveUpRobot,
     RejectAssignment,
     RejectExecution,
     StartStep,
@@ -104,6 +111,13 @@ def _command(random: Random, fleet: Fleet) -> object:
         "key_locations": (random.choice(PLACES),) if random.random() < 0.3 else (),
         "wanted_robots": (random.choice(ROBOTS),) if random.random() < 0.1 else (),
         "disabled": random.random() < 0.2,
+        "patch": RobotConfigPatch(
+            bin_count=random.choice((None, 1, 2, 3)), disabled=random.choice((None, False, False))
+        ),
+        "suspended": random.random() < 0.3,
+        "stopped": on,
+        "paused": on,
+        "taken": on,
         "off_duty": random.random() < 0.2,
         "prefix": "AMB",
         "count": random.randint(0, 3),
@@ -112,6 +126,10 @@ def _command(random: Random, fleet: Fleet) -> object:
     }
     if kind is CreateRobots:
         fields["robots"] = tuple(RobotConfig(name=name, bin_count=2) for name in robots)
+    if kind is ReconfigureRobot:
+        fields["config"] = RobotConfig(
+            name=random.choice(ROBOTS), group=1, bin_count=random.randint(1, 3), simulated=on
+        )
     if kind is ClearRobotBins:
         fields["robots"] = ROBOTS
     if kind is ImportScene:
@@ -138,6 +156,16 @@ _MAKERS: dict[type, tuple[str, ...]] = {
     DisableRobots: ("scene", "robots", "disabled"),
     SendRobotsOffDuty: ("scene", "robots", "off_duty"),
     ClearRobotBins: ("scene", "robots"),
+    ReconfigureRobot: ("scene", "config"),
+    ReconfigureRobots: ("scene", "robots", "patch"),
+    SoftStopRobots: ("scene", "robots", "stopped"),
+    PauseRobots: ("scene", "robots", "paused"),
+    ControlRobots: ("scene", "robots", "taken"),
+    ClearRobotAlarms: ("scene", "robots"),
+    ReconnectRobots: ("scene", "robots"),
+    CancelNavigation: ("scene", "robots"),
+    RecoverRobots: ("scene", "robots"),
+    SuspendOrders: ("orders", "suspended"),
     ImportScene: ("scene", "file", "digest"),
     ConfigureScene: ("scene", "config"),
 }
@@ -153,6 +181,10 @@ _LIKELY = {
     CreateRobots: 0.2,
     CreateRobotSeries: 0.2,
     RemoveRobots: 0.3,
+    ReconfigureRobot: 0.3,
+    ReconfigureRobots: 0.3,
+    CancelNavigation: 0.3,
+    SuspendOrders: 0.5,
     ImportScene: 0.2,
     ConfigureScene: 0.2,
 }
@@ -180,8 +212,9 @@ def _proposal(random: Random, fleet: Fleet) -> object:
         lambda: CreateSystemOrder(scene=SCENE, kind=kind, robot=robot, location=place, cost_s=1.0),
         lambda: ConnectRobot(scene=SCENE, robot=robot),
         lambda: DisconnectRobot(scene=SCENE, robot=robot),
+        lambda: GiveUpRobot(scene=SCENE, robot=robot),
     ]
-    weights = (8, 10, 10, 1, 0.5, 1, 1, 2, 4, 0.5)
+    weights = (8, 10, 10, 1, 0.5, 1, 1, 2, 4, 0.5, 0.5)
     return random.choices(makers, weights)[0]()
 
 

@@ -8,9 +8,17 @@ from ledger.events import (
     OrderFinished,
     RobotConnected,
     RobotDisconnected,
+    RobotGivenUp,
 )
 from ledger.ids import RobotName
-from ledger.proposals import ConnectRobot, DisconnectRobot, FaultOrder, FinishStep, StartStep
+from ledger.proposals import (
+    ConnectRobot,
+    DisconnectRobot,
+    FaultOrder,
+    FinishStep,
+    GiveUpRobot,
+    StartStep,
+)
 from ledger.state import OrderStatus
 from tests.commands.site import (
     ORDER,
@@ -96,4 +104,15 @@ def test_only_a_change_of_connection_is_an_event() -> None:
     given(*OPEN, gone).when(disconnect).nothing()
     given(*OPEN, gone).when(connect).then(RobotConnected(scene=SCENE, robot=R1))
     stranger = ConnectRobot(scene=SCENE, robot=RobotName("R9"))
+    given(*OPEN).when(stranger).rejected(Reason.ROBOT_UNKNOWN)
+
+
+def test_a_robot_is_given_up_once_and_only_while_it_is_away() -> None:
+    give_up = GiveUpRobot(scene=SCENE, robot=R1)
+    gone, up = RobotDisconnected(scene=SCENE, robot=R1), RobotGivenUp(scene=SCENE, robot=R1)
+    given(*OPEN).when(give_up).nothing()
+    fleet = given(*OPEN, gone).when(give_up).then(up)
+    assert fleet.robots[f"{SCENE}/{R1}"].given_up
+    given(*OPEN, gone, up).when(give_up).nothing()
+    stranger = GiveUpRobot(scene=SCENE, robot=RobotName("R9"))
     given(*OPEN).when(stranger).rejected(Reason.ROBOT_UNKNOWN)

@@ -188,3 +188,13 @@ def test_callers_on_several_threads_are_served_one_after_another() -> None:
         caller.join()
     assert ledger.position == h.fleet.position == 3 + 100 + 200 + 100
     assert fold(Fleet(), ledger.read(0)).canonical() == h.fleet.canonical()
+
+
+def test_what_is_only_considered_does_not_happen() -> None:
+    h = handler()
+    before = h.fleet.canonical()
+    considered = h.consider(create())
+    assert h.fleet.canonical() == before
+    assert considered.made == h.handle(create()).made
+    with pytest.raises(Rejected):
+        h.consider(create(tasks=()))

@@ -1,32 +1,22 @@
 import pytest
 
 from commands.rejected import Reason
-from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
 from commands.robots import CreateRobots, CreateRobotSeries, RemoveRobots
 from ledger.events import (
-    OrderCancelled,
     RobotAdded,
-    RobotBinsCleared,
-    RobotDisabled,
-    RobotEnabled,
     RobotRemoved,
-    RobotWentOffDuty,
-    RobotWentOnDuty,
 )
 from ledger.ids import RobotName
 from ledger.scene import ConnectionType, RobotConfig
 from ledger.state import BinStatus
 from tests.commands.site import (
-    BINS,
     ORDER,
     R1,
     R2,
     SCENE,
     assigned,
     created,
-    finished,
     opened,
-    started,
     task,
 )
 from tests.scenario import ask, given
@@ -47,6 +37,16 @@ def test_robots_join_their_scene_with_empty_bins() -> None:
     events = tuple(RobotAdded(scene=SCENE, config=c) for c in both)
     fleet = given(*opened()).when(create(*both)).then(*events)
     assert [b.status for b in fleet.robots[f"{SCENE}/AMB-01"].bins] == [BinStatus.EMPTY] * 3
+
+
+@pytest.mark.parametrize(("bins", "plus_one", "places"), [(3, True, 4), (3, None, 3), (1, True, 1)])
+def test_the_fork_is_one_place_more_beside_several(
+    bins: int, plus_one: bool | None, places: int
+) -> None:
+    asked = create(config(bin_count=bins, plus_one=plus_one))
+    outcome = given(*opened()).when(asked)
+    fleet = outcome.then(*outcome.decision.events)
+    assert len(fleet.robots[f"{SCENE}/AMB-01"].bins) == places
 
 
 @pytest.mark.parametrize(
@@ -129,38 +129,6 @@ def test_robots_with_orders_stay_and_so_do_the_others() -> None:
     given(*past).when(asked).rejected(Reason.ROBOT_HAS_ORDERS, R1, ORDER)
     asked = ask(RemoveRobots, scene=SCENE, robots=(R2, R9))
     given(*past).when(asked).rejected(Reason.ROBOT_UNKNOWN, R9)
-
-
-def test_disabling_is_for_all_or_for_none_and_only_news_is_stated() -> None:
-    disable = ask(DisableRobots, scene=SCENE, robots=(R1, R2), disabled=True)
-    enable = ask(DisableRobots, scene=SCENE, robots=(R1, R2), disabled=False)
-    disabled = RobotDisabled(scene=SCENE, robot=R1)
-    past = (*opened(R1, R2), disabled)
-    given(*past).when(disable).then(RobotDisabled(scene=SCENE, robot=R2))
-    given(*past).when(enable).then(RobotEnabled(scene=SCENE, robot=R1))
-    asked = ask(DisableRobots, scene=SCENE, robots=(R2, R9), disabled=True)
-    given(*past).when(asked).rejected(Reason.ROBOT_UNKNOWN, "robotNames")
-
-
-def test_going_off_duty_is_each_robots_own_matter() -> None:
-    asked = ask(SendRobotsOffDuty, scene=SCENE, robots=(R1, R9), off_duty=True)
-    off = RobotWentOffDuty(scene=SCENE, robot=R1)
-    given(*opened(R1)).when(asked).refused(R9=Reason.ROBOT_UNKNOWN).then(off)
-    given(*opened(R1), off).when(asked).refused(R9=Reason.ROBOT_UNKNOWN).nothing()
-    back = ask(SendRobotsOffDuty, scene=SCENE, robots=(R1,), off_duty=False)
-    given(*opened(R1), off).when(back).then(RobotWentOnDuty(scene=SCENE, robot=R1))
-
-
-def test_only_what_a_cancelled_order_left_behind_is_cleared() -> None:
-    past = (*opened(R1), created(ORDER, task(BINS[0], loads=True), task()))
-    loaded = (*past, assigned(), started(), finished())
-    asked = ask(ClearRobotBins, scene=SCENE, robots=(R1, R9))
-    refused = {"R9": Reason.ROBOT_UNKNOWN}
-    given(*loaded).when(asked).refused(**refused).nothing()
-    left = (*loaded, OrderCancelled(scene=SCENE, order=ORDER))
-    story = given(*left).when(asked).refused(**refused)
-    fleet = story.then(RobotBinsCleared(scene=SCENE, robot=R1))
-    assert fleet.robots[f"{SCENE}/{R1}"].bins[0].status is BinStatus.EMPTY
 
 
 def test_a_scene_must_exist_for_robots() -> None:

@@ -90,3 +90,11 @@ def test_unknown_fields_of_parts_are_noticed_too() -> None:
 def test_the_tag_stands_first_so_that_unions_decode_fast() -> None:
     event = RobotRemoved(scene=SceneId("s"), robot=RobotName("r"))
     assert encode(event).startswith(b'{"type":"RobotRemoved"')
+
+
+def test_a_field_that_is_retired_is_neither_newer_nor_read() -> None:
+    schema = msgspec.json.decode(schema_of(NAMES["RobotAdded"]))
+    schema["$defs"]["RobotConfig"]["properties"]["gateway_secret"] = {"type": "string"}
+    Decoder().check("RobotAdded", msgspec.json.encode(schema))
+    old = b'{"type":"RobotAdded","scene":"s","config":{"name":"R","gateway_secret":"x"}}'
+    assert b'"x"' not in encode(decode(old))

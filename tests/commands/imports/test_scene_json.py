@@ -127,3 +127,11 @@ def test_name_robots_and_groups_can_be_given() -> None:
 def test_an_unknown_suffix_is_refused() -> None:
     with pytest.raises(Refused, match=r"\.dwg"):
         read_any("hall.dwg", b"")
+
+
+def test_a_file_holds_no_secret() -> None:
+    raw = write_scene(SCENE).replace(b'"robots":[', b'"robots":[{"name":"G","gateway_secret":"s"},')
+    with pytest.raises(Refused, match=r"robots\[0\]\.gateway_secret") as refused:
+        read_scene(raw)
+    assert refused.value.code == "BadSceneFile"
+    read_scene(raw.replace(b'"s"', b"null"))
