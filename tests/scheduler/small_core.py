@@ -6,6 +6,7 @@ from ledger.events import (
     AnyEvent,
     AssignmentRejected,
     ExecutionRejected,
+    MapResourcesGranted,
     OrderAssigned,
     OrderCancelled,
     OrderCreated,
@@ -30,6 +31,7 @@ from ledger.proposals import (
     FaultOrder,
     FinishStep,
     GiveUpRobot,
+    GrantMapResources,
     RejectAssignment,
     RejectExecution,
     StartStep,
@@ -87,6 +89,10 @@ class SmallCore:
             return self._connection(p)
         if isinstance(p, CreateSystemOrder):
             return self._system_order(p)
+        if isinstance(p, GrantMapResources):
+            for unit in p.units:
+                check(unit in self.fleet.claims and not self.fleet.claims[unit].granted, p)
+            return (MapResourcesGranted(scene=p.scene, units=p.units),)
         if isinstance(p, GiveUpRobot):
             robot = self.fleet.robots[robot_key(p.scene, p.robot)]
             check(not robot.online and not robot.given_up, p)
