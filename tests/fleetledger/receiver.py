@@ -137,3 +137,15 @@ def is_signed(got: Got, secret: str) -> bool:
     signed = got.headers["x-fleetledger-timestamp"].encode() + b"." + got.raw
     right = hmac.new(secret.encode(), signed, hashlib.sha256).hexdigest()
     return got.headers["x-fleetledger-signature"] == f"sha256={right}"
+
+
+def no_step_back(got: Sequence[Got]) -> None:
+    """Nobody hears of a state again after the next one: repetitions come at once."""
+    newest: dict[tuple[str, str], str] = {}
+    seen: set[tuple[str, str]] = set()
+    for one in got:
+        lane = one.path, one.body["orderId"]
+        if newest.get(lane) != one.body["id"]:
+            assert (one.path, one.body["id"]) not in seen
+        newest[lane] = one.body["id"]
+        seen.add((one.path, one.body["id"]))

@@ -31,6 +31,7 @@ from tests.fleetledger.receiver import (
     Moody,
     Receiver,
     is_signed,
+    no_step_back,
 )
 from tests.projections.told import OPENED, expected, fleet_at, told_history
 
@@ -143,18 +144,6 @@ def due(events: Sequence[AnyEvent], receiver: Receiver) -> Story:
         path = one.url.removeprefix(receiver.url(""))
         told[path, one.order].append((one.status.value, one.position))
     return dict(told)
-
-
-def no_step_back(got: Sequence[Got]) -> None:
-    """Nobody hears of a state again after the next one: repetitions come at once."""
-    newest: dict[tuple[str, str], str] = {}
-    seen: set[tuple[str, str]] = set()
-    for one in got:
-        lane = one.path, one.body["orderId"]
-        if newest.get(lane) != one.body["id"]:
-            assert (one.path, one.body["id"]) not in seen
-        newest[lane] = one.body["id"]
-        seen.add((one.path, one.body["id"]))
 
 
 def whole(events: Sequence[AnyEvent], receiver: Receiver) -> None:
