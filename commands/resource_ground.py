@@ -24,9 +24,11 @@ _remembered: dict[UnitId, tuple[MapUnit, Area, Polygons]] = {}
 def fault_of(ring: tuple[XY, ...]) -> str | None:
     """Say what keeps these vertices from being the outline of a piece of ground; None = nothing."""
     polygon = shapely.Polygon(ring)
+    if polygon.convex_hull.area < AREA_M2_MIN:
+        return "it has no area"
     if not polygon.is_valid:
         return f"its outline is not simple ({shapely.is_valid_reason(polygon)})"
-    return None if polygon.area >= AREA_M2_MIN else "it has no area"
+    return None
 
 
 def ground_of(area: Area, unit: MapUnit) -> Polygons:
