@@ -90,5 +90,5 @@ def _remove(fleet: Fleet, event: SceneRemoved) -> None:
         del fleet.robots[key]
     for unit in [u for u, claim in fleet.claims.items() if claim.scene == event.scene]:
         del fleet.claims[unit]
-    for key in [k for k, fault in fleet.device_faults.items() if fault.scene == event.scene]:
-        del fleet.device_faults[key]
+    for broken in [k for k, fault in fleet.device_faults.items() if fault.scene == event.scene]:
+        del fleet.device_faults[broken]
