@@ -54,6 +54,7 @@ from ledger.telemetry import CHUNK_MS, TelemetryLog
 from ledger.telemetry_read import plans_at, reports_at
 from ledger.zenoh_bus import ZenohBus
 from projections.api.m4_scene_query import Beside, SceneQueries
+from projections.api.m4_resources import external_map_res
 from projections.claims import WAIT_S as CLAIM_WAIT_S
 from projections.claims import ClaimWatch
 from projections.devices import door_reports, lift_reports
@@ -200,7 +201,6 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         for path in settings.scene:
             await core.import_scene(path)
         await core.forget_askers()
-        access = await _access(stack, core, settings)
         telemetry = TelemetryLog(
             settings.telemetry, chunk_ms=int(CHUNK_MS * max(1.0, settings.speed))
         )
@@ -222,6 +222,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         stack.callback(intake.stop)
         FeedServer(bus, core.ledger, core.visible_fleet)
         bus.respond(PROPOSE_KEY, responder(core.handler, core.ledger))
+        access = await _access(stack, core, settings)
         app = _api(core, settings, access)
         port = await stack.enter_async_context(served(app, settings.host, settings.port, tls))
         await _serve_rdscore(stack, core, settings, tls)
@@ -281,7 +282,7 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
             config=wire,
             doors=door_reports,
             lifts=lift_reports,
-            map_resources=lambda fleet, scene: [],
+            map_resources=external_map_res,
         ),
     )
     stories = Stories(core.history, core.live, core.ledger.read)

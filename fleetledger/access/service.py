@@ -129,7 +129,7 @@ class Access:
         """State what was refused since the last time."""
         refused = self.refusals.taken()
         if refused:
-            self._append(GATE, self._handler.now_ms(), refused)
+            await self._durable(self._append(GATE, self._handler.now_ms(), refused))
 
     async def watch(self) -> None:
         """Look after the files and the audit until cancelled."""

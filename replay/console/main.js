@@ -1,7 +1,7 @@
 // @ts-check
 // The page: asks for frames of the moment shown, and hands them to map, list and details.
 
-import { Refused, get } from "./api.js";
+import { Refused, get, showWho } from "./api.js";
 import { robotOf, storyOf } from "./detail.js";
 import { Moment } from "./moment.js";
 import { OrderList } from "./orders.js";
@@ -27,6 +27,7 @@ const byId = (id) => document.getElementById(id);
 const moment = new Moment(() => wake());
 const stage = new Stage(byId("map"), (robot) => (robot ? pickRobot(robot) : pickNothing()));
 const orders = new OrderList(byId("orders"), (id) => pickOrder(id));
+showWho();
 
 /** What the page knows and shows; `window.fleetledger` for those who look under the bonnet. */
 const page = {

@@ -58,7 +58,7 @@ def test_it_lives_and_ends_cleanly(tmp_path: Path) -> None:
         first = server.scene
         assert "in use by process" in (second := refused(data, *OPEN))
         assert "Stop the other server first" in second
-        assert server.get("/api/ping") == {"id": "anonymous"}
+        assert server.get("/api/ping")["id"] == "anonymous"
         assert server.stop() == 0
         assert server.process.stdout is not None
         assert server.process.stdout.read() == "", "more than one line on standard output"
@@ -95,10 +95,10 @@ def test_the_first_start_gives_a_key_once_and_asks_for_it_ever_after(tmp_path: P
         assert server.stop() == 0
     with serving(data, "--log-json") as server:
         answer = server.client.get("/api/ping", headers=pair)
-        assert answer.json() == {"id": "fleetledger"}
+        assert answer.json()["id"] == "fleetledger"
         assert server.stop() == 0
     assert server.log.read_text().count("xyy-app-key") == 1
-    assert pair["xyy-app-key"] not in (data / "keys.json").read_text()
+    assert pair["xyy-app-key"] not in (data / "access.json").read_text()
 
 
 def test_what_cannot_be_served_is_refused_in_words(tmp_path: Path) -> None:

@@ -252,6 +252,7 @@ def test_the_filter_finds_orders_by_their_reasons(console: Page) -> None:
 
 def test_where_keys_are_on_the_page_asks_for_a_pair_once(page: Page, locked: Running) -> None:
     page.goto(locked.url)
+    page.get_by_role("button", name="Use a key pair instead").click()
     for key in ("wrong", "right"):
         page.locator("#app-id").fill("console")
         page.locator("#app-key").fill(key)
