@@ -10,7 +10,7 @@ from commands.robot_config import check_config, check_name
 from commands.robot_names import ROBOTS_MAX, OfRobots, known_robots
 from ledger.events import RobotAdded, RobotRemoved
 from ledger.ids import RobotName, SceneId, robot_key
-from ledger.scene import Group, RobotConfig
+from ledger.scene import ConnectionType, Group, RobotConfig
 from ledger.state import Fleet
 
 SERIES_MAX = 1_000
@@ -63,6 +63,7 @@ def create_series(fleet: Fleet, command: CreateRobotSeries) -> Decision:
     if not 1 <= command.count <= SERIES_MAX:
         message = f"Field 'count' must be from 1 to {SERIES_MAX}."
         raise Rejected(Reason.TOO_MANY, message, command.count)
+    _check_pattern(command)
     width = max(2, len(str(command.count)))
     hosts = _hosts(command.pattern.host, command.count)
     robots = tuple(
@@ -76,6 +77,16 @@ def create_series(fleet: Fleet, command: CreateRobotSeries) -> Decision:
         message = f"Field 'robotNamePrefix': the scene has these robots already: {_list(taken)}."
         raise Rejected(Reason.ROBOT_NAME_TAKEN, message, *taken)
     return Decision(events=added(fleet, scene.id, scene.groups, robots))
+
+
+def _check_pattern(command: CreateRobotSeries) -> None:
+    """Refuse, in the words of this call, what would be wrong with each of the robots."""
+    if not command.prefix.strip():
+        message = "Field 'robotNamePrefix' must not be blank."
+        raise Rejected(Reason.ROBOT_NAME_INVALID, message, command.prefix)
+    if command.pattern.connection is ConnectionType.FLEET_TO_ROBOT and not command.pattern.host:
+        message = "Field 'robotIpStart' is required where 'connectionType' is FleetToRobot."
+        raise Rejected(Reason.ROBOT_CONFIG_INVALID, message)
 
 
 def _hosts(first: str | None, count: int) -> list[str | None]:

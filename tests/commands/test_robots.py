@@ -109,6 +109,10 @@ def test_a_series_that_cannot_be_made_whole_is_not_made() -> None:
     story.when(series(1001)).rejected(Reason.TOO_MANY, "count")
     last = series(2, host="255.255.255.255")
     given(*opened()).when(last).rejected(Reason.ROBOT_CONFIG_INVALID, "robotIpStart")
+    blank = ask(CreateRobotSeries, scene=SCENE, prefix=" ", count=1, pattern=config(""))
+    given(*opened()).when(blank).rejected(Reason.ROBOT_NAME_INVALID, "robotNamePrefix")
+    unreachable = series(1, connection=ConnectionType.FLEET_TO_ROBOT)
+    given(*opened()).when(unreachable).rejected(Reason.ROBOT_CONFIG_INVALID, "robotIpStart")
     named = series(1, host="robot.local")
     given(*opened()).when(named).rejected(Reason.ROBOT_CONFIG_INVALID, "robotIpStart")
 

@@ -17,6 +17,7 @@ STEP_FIELDS = ("stepIndex", "location", "rbkArgs", "forLoad", "forUnload", "next
 ROBOT_FIELDS = (
     *("robotName", "groupId", "tags", "vendor", "selfBinNum", "image", "connectionType"),
     *("robotIp", "robotPortStart", "ssl", "gwAuthId", "simulated", "plusOne", "remark"),
+    *("gwAuthSecret", "disabled"),
 )
 FIELDS = {
     f"{ORDERS}/create": ("sceneId", "externalId", "priority", "keyLocations", "stepFixed", "steps"),
@@ -30,6 +31,8 @@ FIELDS = {
     f"{ORDERS}/cancel-all": ("sceneId",),
     f"{ORDERS}/update-priority-batch": ("orderIds", "priority"),
     f"{ORDERS}/retry-failed-orders": ("orderIds",),
+    f"{ORDERS}/set-suspended": ("orderIds",),
+    f"{ORDERS}/unset-suspended": ("orderIds",),
     f"{IN_SCENE}/robot/create": ROBOT_FIELDS,
     f"{IN_SCENE}/robot/create/auto-batch": (
         "robotNamePrefix",
@@ -38,10 +41,20 @@ FIELDS = {
         *ROBOT_FIELDS,
     ),
     f"{IN_SCENE}/robot/remove": ("robotNames",),
+    f"{IN_SCENE}/robot/update/config": ROBOT_FIELDS,
+    f"{IN_SCENE}/robot/update/config/batch": ("robotNames", "config"),
     f"{IN_SCENE}/config": ("dispatchMethod", "cbsHighW", "chargingConfig", "dispatchSort"),
     f"{ROBOTS}/{SCENE}/disabled": ("robotNames", "disabled"),
     f"{ROBOTS}/{SCENE}/clear-bins": ("robotNames",),
     f"{ROBOTS}/off-duty": ("sceneId", "robotNames", "offDuty"),
+    f"{ROBOTS}/reconnect": ("sceneId", "robotNames"),
+    f"{ROBOTS}/master": ("sceneId", "robotNames", "on"),
+    f"{ROBOTS}/cancel-nav": ("sceneId", "robotNames"),
+    f"{ROBOTS}/pause-nav": ("sceneId", "robotNames"),
+    f"{ROBOTS}/resume-nav": ("sceneId", "robotNames"),
+    f"{ROBOTS}/{SCENE}/clear-alarm": ("robotNames",),
+    f"{ROBOTS}/{SCENE}/set-soft-emc": ("robotNames", "enable"),
+    f"{ROBOTS}/{SCENE}/auto-recovery": ("robotNames",),
     "/api/fleet/scenes/import": tuple(type(grid()).__struct_fields__),
 }
 
@@ -60,6 +73,7 @@ anything = st.recursive(
         st.lists(inner, max_size=3),
         st.dictionaries(st.text(max_size=4), inner, max_size=3),
         st.fixed_dictionaries({}, optional=dict.fromkeys(STEP_FIELDS, inner)),
+        st.fixed_dictionaries({}, optional=dict.fromkeys(ROBOT_FIELDS, inner)),
     ),
     max_leaves=8,
 )

@@ -229,10 +229,25 @@ async def test_a_key_has_limits(key: str) -> None:
     assert "errIdempotencyKeyInvalid" in first[1]
 
 
+async def test_orders_are_held_up_and_let_go_each_on_its_own() -> None:
+    there = site(*opened(), created(ORDER, task()))
+    body = {"orderIds": ["nothing", ORDER]}
+    good = {"ok": True, "result": {}, "errMsg": None}
+    for call, suspended in (("set-suspended", True), ("unset-suspended", False)):
+        for _ in range(2):
+            answer = await there.post(f"{BASE}/{call}", body)
+            assert (answer.status_code, list(answer.json())) == (200, body["orderIds"])
+            assert answer.json()[ORDER] == good
+            assert "nothing" in answer.json()["nothing"]["errMsg"]
+            assert there.handler.fleet.orders[ORDER].suspended is suspended
+    answer = await there.post(f"{BASE}/set-suspended", {})
+    assert (answer.status_code, answer.json()["code"]) == (400, "errFieldMissing")
+
+
 async def test_every_call_is_documented_with_its_key() -> None:
     paths = site().app.openapi()["paths"]
     calls = [path for path in paths if path.startswith(BASE)]
-    assert len(calls) == 11
+    assert len(calls) == 13
     for path in calls:
         operation = paths[path]["post"]
         assert operation["description"]
