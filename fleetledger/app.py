@@ -53,8 +53,8 @@ from ledger.store import FileLedger
 from ledger.telemetry import CHUNK_MS, TelemetryLog
 from ledger.telemetry_read import plans_at, reports_at
 from ledger.zenoh_bus import ZenohBus
-from projections.api.m4_scene_query import Beside, SceneQueries
 from projections.api.m4_resources import external_map_res
+from projections.api.m4_scene_query import Beside, SceneQueries
 from projections.claims import WAIT_S as CLAIM_WAIT_S
 from projections.claims import ClaimWatch
 from projections.devices import door_reports, lift_reports

@@ -14,7 +14,7 @@ from typing import TypeAlias
 import msgspec
 
 from ledger.ids import OrderId
-from ledger.link import DISPATCHER, ActionPhase, Load, Plan, Report, Space
+from ledger.link import DISPATCHER, DOOR, EXTERNAL, ActionPhase, Load, Plan, Report, Space
 from ledger.scene import XY, Group, Scene, Value
 from ledger.state import Order, OrderKind, OrderStatus, Robot, RobotBin
 from projections.api.m4_raw_report import alarm_row, navigation_status, raw_report
@@ -190,7 +190,7 @@ def traffic(
         "unTravelled": list(plan.untravelled) if plan is not None else [],
         "spaces": spaces(plan),
         "tReady": plan is not None and plan.ready,
-        "bbr": list(plan.blocked_by) if plan is not None else [],
+        "bbr": _robots_in_way(plan) if plan is not None else [],
     }
     start = (report.point if report is not None else None) or _next_point(plan)
     if start is not None and report is not None:
@@ -202,6 +202,10 @@ def traffic(
         row |= {"navId": str(plan.commit), "navStatus": navigation_status(report, plan)}
         row |= {"ttId": str(plan.commit), "ttStatus": "TrafficAccepted"}
     return row
+
+
+def _robots_in_way(plan: Plan) -> list[str]:
+    return [name for name in plan.blocked_by if not name.startswith((DOOR, EXTERNAL))]
 
 
 def _next_point(plan: Plan | None) -> str | None:

@@ -297,7 +297,7 @@ async def test_what_a_robot_says_is_shown(client: httpx.AsyncClient, side: Side)
         Plan(
             scene=SCENE, robot=RobotName(name), at_ms=AT_MS, ready=True, moving=True, commit=7,
             target=PointName("AP2"), untravelled=(PathKey("AP1->AP2"),),
-            blocked_by=(RobotName("R9"),),
+            blocked_by=(RobotName("R9"), RobotName("door:1"), RobotName("external:WMS")),
         )
     )  # fmt: skip
     robot = (await robots(client, rawAll="true"))[name]
