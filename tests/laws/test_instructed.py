@@ -118,6 +118,7 @@ def test_who_drives_stands_soon_after_a_stop_at_any_moment(
     stops: list[tuple[int, bool]], seed: int
 ) -> None:
     work = Work(seed)
+    work.onlooker.run(1.0)  # until they have connected
     for steps, restart in stops:
         work.onlooker.run(0.2 * steps)
         names = [RobotName(r.body.name) for r in work.shift.world.robots()]
