@@ -99,12 +99,19 @@ class Sender:
     """The thread that sends. `hear` may be called from any thread once it is started."""
 
     def __init__(
-        self, connect: Callable[[], Sends], give_up: Callable[[Callback], None], random: Random
+        self,
+        connect: Callable[[], Sends],
+        give_up: Callable[[Callback], None],
+        wanted: Callable[[Callback], bool],
+        random: Random,
     ) -> None:
         """Take how to make the client, how to record that a callback is given up (it may wait for
-        the disk), and chance, by which retries do not come all at once."""
+        the disk), whether its address is still in the settings (else a try that fails is the last
+        one: so operators end the wait for a receiver that is gone), and chance, by which retries
+        do not come all at once."""
         self._connect = connect
         self._give_up = give_up
+        self._wanted = wanted
         self._random = random
         self._outbox: Notes | None = None
         self._addresses: dict[str, Address] = {}
@@ -212,7 +219,7 @@ class Sender:
             FAILED.inc()
             failed = _failed(callback, error)
             log.debug("callback failed", order=callback.order, reason=error, tries=failed.tries)
-            if failed.tries <= failed.retries_max:
+            if failed.tries <= failed.retries_max and self._wanted(failed):
                 self._again(address, failed, failed.error, self._delay_s(failed))
                 return
             await asyncio.to_thread(self._give_up, failed)

@@ -45,9 +45,9 @@ class Callbacks:
         self._handler = handler
         self._ledger = ledger
         self._secrets = kept
-        self.sender = Sender(
-            partial(Post, self._secret, wall_ms), self._give_up, Random(secrets.randbits(64))
-        )
+        connect = partial(Post, self._secret, wall_ms)
+        chance = Random(secrets.randbits(64))
+        self.sender = Sender(connect, self._give_up, self._wanted, chance)
         self.outbox = Outbox(data / FILE_NAME, self.sender.hear)
         ledger.listen(self.outbox.follow)
         WAITING.set_function(lambda: self.outbox.count)
@@ -87,6 +87,10 @@ class Callbacks:
 
     def _secret(self, scene: SceneId) -> str | None:
         return self._secrets.get(secret_name(scene))
+
+    def _wanted(self, callback: Callback) -> bool:
+        scene = self._handler.fleet.scenes.get(callback.scene)
+        return scene is not None and callback.url in scene.callbacks.urls
 
     def _give_up(self, callback: Callback) -> None:
         """State in the ledger that the receiver has missed it; on disk when this returns."""

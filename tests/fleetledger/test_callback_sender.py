@@ -55,10 +55,11 @@ class Desk:
         try_s: float = TRY_S,
     ) -> None:
         self.secret = secret
+        self.wanted = True
         self.given_up: list[Callback] = []
         self._changed = threading.Condition()
         connect = partial(Post, self._secret, lambda: WALL_MS, try_s)
-        self.sender = Sender(connect, self._give_up, Random(seed))
+        self.sender = Sender(connect, self._give_up, lambda _: self.wanted, Random(seed))
         self.outbox = Outbox(path, self.sender.hear)
         self.ledger = ledger
         ledger.listen(self.outbox.follow)
@@ -220,6 +221,17 @@ def test_what_is_never_accepted_is_given_up_and_the_next_one_goes(tmp_path: Path
     assert len({c.id for c in given_up}) == count
     tries = [one.body["id"] for one in receiver.got]
     assert all(tries.count(callback.id) == 3 for callback in given_up)
+
+
+def test_what_an_address_missed_before_it_was_taken_out_is_tried_once_more(tmp_path: Path) -> None:
+    with Receiver(lambda _: REFUSE) as receiver, desk(tmp_path / "outbox.sqlite") as made:
+        events = history_of(12, config(receiver.url()), 40)
+        made.append(events)
+        receiver.until(lambda got: len(got) > 20)
+        assert made.given_up == []
+        made.wanted = False
+        given_up = made.until_given_up(len(list(expected(events))))
+    assert {callback.error for callback in given_up} == {"HTTP 500"}
 
 
 def test_an_order_that_cannot_be_told_of_holds_up_no_other(tmp_path: Path) -> None:
