@@ -222,7 +222,7 @@ _NOT_SIGNED_IN = (
     "of a key pair; the first one was printed when the server first started."
 )
 _HOST_UNKNOWN = (
-    "Without access control this server answers to the names 127.0.0.1, localhost and ::1 only."
+    "Without access control this server answers to the names of this machine only: use 127.0.0.1."
 )
 _OTHER_SITE = "A page of another site may not do this in your name."
 

@@ -5,6 +5,7 @@ of a machine client, the id and token of a person, the same as cookies.
 """
 
 import hmac
+import re
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -22,7 +23,9 @@ USER_COOKIE = "xzz-qyq-"  # and the port of the page
 TOKEN_COOKIE = "xzz-qyx-"
 CLAIM_CHARS_MAX = 100
 COOKIE_PAIRS_MAX = 8  # a browser sends the cookies of all ports of a host
-LOOPBACK_HOSTS = frozenset({b"127.0.0.1", b"localhost", b"[::1]"})
+LOOPBACK = re.compile(
+    rb"(127\.\d+\.\d+\.\d+|\[::1\]|[^.:]*|[^:]*\.localhost)(:\d+)?", re.IGNORECASE
+)
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 _APP_ID, _APP_KEY = APP_ID_HEADER.encode(), APP_KEY_HEADER.encode()
@@ -66,12 +69,11 @@ class Anybody:
         return Caller(name=name, role=Role.ADMIN, ambient=True)
 
     def host_is_known(self, headers: Headers) -> bool:
-        """Refuse names that somebody else's page may have pointed at this machine."""
-        host = headers.get(b"host", b"localhost").lower()
-        if host in LOOPBACK_HOSTS:
-            return True
-        name, colon, port = host.rpartition(b":")
-        return bool(colon) and port.isdigit() and name in LOOPBACK_HOSTS
+        """Refuse names that somebody else's page may have pointed at this machine.
+
+        Those have a dot: one without is nobody's to buy.
+        """
+        return LOOPBACK.fullmatch(headers.get(b"host", b"")) is not None
 
 
 class KnownCallers:

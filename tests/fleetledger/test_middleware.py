@@ -115,7 +115,11 @@ async def test_every_refusal_is_counted_for_the_audit(tmp_path: Path) -> None:
         ({"sec-fetch-site": "cross-site"}, 403),
         ({"host": "evil.example:5800"}, 403),  # a name that was pointed at this machine
         ({"host": "localhost.evil.example"}, 403),
+        ({"host": "localhost.evil.example"}, 403),
+        ({"host": "10.0.0.1:5800"}, 403),
         ({"host": "[::1]:5800"}, 200),
+        ({"host": "127.0.0.1"}, 200),
+        ({"host": "fleet:5800"}, 200),
     ],
 )
 async def test_without_access_control_other_sites_pages_can_do_nothing(
