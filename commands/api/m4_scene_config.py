@@ -102,8 +102,8 @@ class SceneChargingConfig(Settings):
         return ChargingConfig(default=default, by_group=by_group)
 
 
-class SceneConfigPatch(Settings):
-    """Settings of a scene. In a change, what is absent or null stays as it is."""
+class SceneConfigAll(Settings):
+    """Settings of a scene (spec/m4.md §8). In an answer all are there."""
 
     robotStateFetchDelay: Annotated[int, Field(ge=10, le=60_000)] | None = _says(
         "robotStateFetchDelay"
@@ -151,6 +151,11 @@ class SceneConfigPatch(Settings):
     preRotate: bool | None = _says("preRotate")
     trafficMethod: TrafficMethod | None = _says("trafficMethod")
     selectConfig: Selection | None = _says("selectConfig")
+
+
+class SceneConfigPatch(SceneConfigAll):
+    """Settings of a scene that are to change; what is absent or null stays as it is."""
+
     parkIdleTime: Annotated[Int, Field(ge=0)] | None = _says("parkIdleTime")
 
     def config(self, before: SceneConfig) -> SceneConfig:

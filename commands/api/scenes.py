@@ -19,7 +19,7 @@ from commands.api.answering import (
     nothing,
     scene_id,
 )
-from commands.api.m4_scene_config import SceneConfigPatch, wire
+from commands.api.m4_scene_config import SceneConfigAll, SceneConfigPatch, wire
 from commands.api.m4_scenes import (
     CreateSceneReq,
     DisableSceneReq,
@@ -74,7 +74,7 @@ class SceneCalls:
             f"{OF_SCENE}/config",
             self.config,
             methods=["GET"],
-            response_model=SceneConfigPatch,
+            response_model=SceneConfigAll,
             openapi_extra={"parameters": [SCENE_PARAMETER]},
             tags=["scenes"],
         )

@@ -109,6 +109,20 @@ class SceneListed(Answer):
     lastModifiedOn: int = Field(description="When it last changed, epoch ms.")
 
 
+class SceneMap(Answer):
+    """A scene as it is drawn; metres and radians, in the scene's frame."""
+
+    id: str = Field(description="Scene id.")
+    name: str = Field(description="Name.")
+    version: str = Field(description="Digest of the content: the same map has the same.")
+    areas: list[dict[str, Any]] = Field(
+        description="id, name, disabled, map, mapMd5, bound {xMin, yMin, xMax, yMax}, points "
+        "[{name, x, y, kind, direction}], paths [{key, start, end, controls, backward}], bins "
+        "[{name, point, tasks}], walls [[[x, y], [x, y]]]."
+    )
+    groups: list[dict[str, Any]] = Field(description="id, name, footprint [[x, y]].")
+
+
 class PointsAndBins(Answer):
     """The places of a scene."""
 

@@ -23,7 +23,7 @@ from ledger.state import Fleet
 from projections.api.answers import JSON, answered, moment
 from projections.api.m4_models import AsOf, MoveCostsAsked
 from projections.api.m4_robots import bin_points
-from projections.api.m4_scene_answers import PointsAndBins, SceneListed, SceneSchema
+from projections.api.m4_scene_answers import PointsAndBins, SceneListed, SceneMap, SceneSchema
 from projections.api.m4_scene_query import SceneQueries
 from projections.api.m4_scene_schema import schema
 from projections.api.m4_scenes import scene_asked, scene_list, scene_map
@@ -63,7 +63,7 @@ def scene_routes(made: APIRouter, queries: SceneQueries) -> None:
         scene = _asked(fleet, request)
         return answered(schema(fleet, scene, queries.beside.config), fleet.position)
 
-    @made.get(f"{OF_SCENE}/map", openapi_extra=_OF_SCENE)
+    @made.get(f"{OF_SCENE}/map", response_model=SceneMap, openapi_extra=_OF_SCENE)
     async def drawing(request: Request, query: Annotated[AsOf, Query()]) -> Response:
         """Give points, paths, bins and areas of a scene, for drawing."""
         fleet = await find.fleet(moment(request, query))
