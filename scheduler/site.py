@@ -244,11 +244,20 @@ class Site:
         traffic = self._traffic_of(robot)
         return () if traffic is None else traffic.reserved(robot, point)
 
-    def reserve(self, fleet: Fleet) -> list[GrantMapResources]:
-        """Have traffic keep reserved ground free; gives what it has got since."""
+    def reserve(
+        self, fleet: Fleet, robots: Sequence[Robot], now_ms: int
+    ) -> list[GrantMapResources]:
+        """Have traffic keep reserved ground free; gives what it has got since.
+
+        What is only asked for has time until all robots have spoken, those out of service too:
+        one of them may stand there.
+        """
         if self.claims_changed:
-            self.claims_changed = False
+            heard = all(robot.name in self.reports for robot in robots)
+            gathered = heard or now_ms - self._since_ms >= GATHER_MS
+            self.claims_changed = not gathered
             claims = [c for c in fleet.claims.values() if c.scene == self.scene.id]
+            claims = [c for c in claims if c.granted or gathered]
             self._reservations.follow(claims, self.scene.areas, self.traffic)
         return self._reservations.due(self.scene.id, self.traffic)
 

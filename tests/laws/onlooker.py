@@ -20,6 +20,7 @@ from scheduler.traffic.judge import body, collisions
 from sim.robot import place
 
 WAITS_MS_MAX = 4_000  # without a reason; placing robots and compiling the map come before
+ON_GROUND_M2 = 1e-6  # of somebody's body on ground that somebody else has reserved
 CODES = frozenset(str(code) for code in NotAssigned)
 REASONS = frozenset(str(reason) for reason in Why)
 
@@ -80,11 +81,29 @@ class Onlooker:
     def look(self) -> None:
         """Check what must hold at every moment."""
         self.nobody_overlaps()
+        self.nobody_is_on_reserved_ground()
         self.bins_are_held_once()
         self.waiting_has_a_reason()
 
     def nobody_overlaps(self) -> None:
-        """True footprints at true poses, from the simulated world and not from reports."""
+        """True footprints at true poses."""
+        bodies = self.bodies()
+        for area in {area for area, _ in bodies}:
+            of_area = {name: shape for (where, name), shape in bodies.items() if where == area}
+            assert collisions(of_area) == [], f"at {self.shift.now_ms - START_MS} ms"
+
+    def nobody_is_on_reserved_ground(self) -> None:
+        """But the robot that has reserved it."""
+        claims = [claim.unit for claim in self.shift.fleet.claims.values() if claim.granted]
+        bodies = self.bodies() if claims else {}
+        for unit in claims:
+            for (area, name), shape in bodies.items():
+                if area == unit.area and name != unit.owner:
+                    on_it = [Polygon(zone).intersection(shape).area for zone in unit.zones]
+                    assert max(on_it) < ON_GROUND_M2, (name, unit)
+
+    def bodies(self) -> dict[tuple[int, RobotName], Polygon]:
+        """Footprints by area and robot, from the simulated world and not from reports."""
         scene = self.shift.fleet.scenes[self.shift.scene]
         footprints = {group.id: group.footprint for group in scene.groups}
         bodies: dict[tuple[int, RobotName], Polygon] = {}
@@ -93,9 +112,7 @@ class Onlooker:
             x_m, y_m, heading_rad, _ = place(robot)
             shape = body(footprints[config.group], x_m, y_m, heading_rad)
             bodies[robot.body.area, config.name] = shape
-        for area in {area for area, _ in bodies}:
-            of_area = {name: shape for (where, name), shape in bodies.items() if where == area}
-            assert collisions(of_area) == [], f"at {self.shift.now_ms - START_MS} ms"
+        return bodies
 
     def bins_are_held_once(self) -> None:
         """A bin's order and an order's bin name each other, and nobody else does."""

@@ -25,6 +25,12 @@ from commands.orders import (
     SealOrder,
 )
 from commands.rejected import Rejected
+from commands.resources import (
+    ReleaseAllMapResources,
+    ReleaseMapResources,
+    RequestMapResources,
+    UnitAsked,
+)
 from commands.robot_duty import ClearRobotBins, DisableRobots, SendRobotsOffDuty
 from commands.steps import AddSteps, ChangeSteps, DeleteSteps, StepPatch
 from fleetledger.shift import Shift
@@ -49,7 +55,7 @@ class AnyShift(RuleBasedStateMachine):
         disturbance = Disturbance(probability=0.3, mean_s=4.0) if delays else None
         self.shift = Shift(file, seed=seed, disturbance=disturbance)
         self.onlooker = Onlooker(self.shift)
-        self.bins = bins_of(file)
+        self.file, self.bins = file, bins_of(file)
         self.points = [point.name for point in file.areas[0].points]
         self.onlooker.run(1.0)
 
@@ -168,6 +174,19 @@ class AnyShift(RuleBasedStateMachine):
     def clear(self, n: int) -> None:
         assert self.do(ClearRobotBins, scene=self.shift.scene, robots=(self.robot(n),))
 
+    @rule(n=NUMBER, where=NUMBER, wide=st.floats(0.1, 4.0), owner=NUMBER)
+    def reserve(self, n: int, where: int, wide: float, owner: int) -> None:
+        point = self.file.areas[0].points[where % len(self.points)]
+        x, y = point.x_m - wide / 3, point.y_m - wide / 4
+        zone = ((x, y), (x + wide, y), (x + wide, y + wide), (x, y + wide))
+        names = ("WMS", "MES", self.robot(owner))
+        unit = UnitAsked(id=f"u{n % 4}", owner=names[owner % 3], zones=(zone,))
+        self.do(RequestMapResources, units=(unit,))
+
+    @rule(n=NUMBER)
+    def give_back(self, n: int) -> None:
+        assert self.do(ReleaseMapResources, units=(f"u{n % 4}",))
+
     @rule()
     def restart_scheduler(self) -> None:
         self.onlooker.restart_scheduler()
@@ -202,6 +221,7 @@ class AnyShift(RuleBasedStateMachine):
         self.do(DisableRobots, scene=scene, robots=robots, disabled=False)
         self.do(SendRobotsOffDuty, scene=scene, robots=robots, off_duty=False)
         self.do(ClearRobotBins, scene=scene, robots=robots)
+        self.do(ReleaseAllMapResources)
         for order in self._business():
             if order.fault_reason is not None:
                 self.do(RetryOrders, orders=(order.id,))
