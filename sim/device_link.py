@@ -39,7 +39,7 @@ class DeviceLink:
         self._decoder: msgspec.json.Decoder[ToDevice] = msgspec.json.Decoder(ToDevice)
         self._encoder = msgspec.json.Encoder()
 
-    def start(self, now_ms: int) -> None:
+    def start(self, fleet: Fleet, now_ms: int) -> None:
         """Remember the last run, and listen."""
         self._now_ms = now_ms
         if self._memory is not None and self._memory.exists():
@@ -47,6 +47,7 @@ class DeviceLink:
                 self.devices.load(self._memory.read_bytes())
             except (msgspec.DecodeError, ValueError) as error:
                 log.warning("simulated doors begin closed", reason=str(error))
+        self._follow(fleet)
         for pattern in TELLS:
             self._bus.subscribe(pattern, self._told)
 
@@ -56,7 +57,7 @@ class DeviceLink:
     def tick(self, fleet: Fleet, now_ms: int) -> None:
         """Hear, let time pass up to now, and report."""
         if self._now_ms is None:
-            self.start(now_ms)
+            self.start(fleet, now_ms)
         self._follow(fleet)
         self._hear()
         self.devices.step((now_ms - (self._now_ms or now_ms)) / 1000)

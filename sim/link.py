@@ -99,7 +99,7 @@ class SimRole:
                 log.warning("simulated robots are placed anew", reason=str(error))
         self._fleet = self._follower.start()
         self._connect(now_ms)
-        self._devices.start(now_ms)
+        self._devices.start(self._fleet, now_ms)
 
     @property
     def devices(self) -> Devices:

@@ -234,3 +234,13 @@ def test_a_held_robot_brakes_and_goes_on_later() -> None:
     assert 2.0 < robot.progress.along_m < 4.0
     run(robot)
     assert robot.progress == Mark(piece=1, along_m=9.0)
+
+
+def test_pieces_that_were_lost_are_told_again_and_the_alarm_goes() -> None:
+    robot = robot_at_origin()
+    route = [straight(1, 0.0, 2.0), straight(2, 2.0, 4.0)]
+    drive(robot, told(route[1:]))
+    assert robot.authority == Mark(), "it may not claim what it cannot drive: that is told once"
+    drive(robot, told(route))
+    run(robot)
+    assert (robot.progress, robot.alarms) == (Mark(piece=2, along_m=2.0), {})
