@@ -6,12 +6,24 @@ from pathlib import Path
 import msgspec
 
 from ledger.bus import MemoryBus, tell_key
-from ledger.events import AnyEvent, RobotAdded, RobotDisabled, RobotEnabled, RobotRemoved
+from ledger.events import (
+    AnyEvent,
+    RobotAdded,
+    RobotDisabled,
+    RobotEnabled,
+    RobotReconfigured,
+    RobotRemoved,
+    SceneConfigured,
+    SceneDisabled,
+    SceneEnabled,
+    SceneRemoved,
+)
 from ledger.events.scenes import SceneImported, SceneMapReplaced
 from ledger.evolve import fold
 from ledger.ids import CommandId, RobotName
-from ledger.link import Act, Drive, Mark, Report, ToRobot
-from ledger.scene import RobotConfig
+from ledger.link import Act, Drive, Mark, Reconnect, Report, ToRobot
+from ledger.scene import Group, Kinematics, RobotConfig
+from ledger.scene_config import SceneConfig
 from ledger.state import Fleet
 from sim.link import SimRole
 from sim.warehouses import generate
@@ -241,3 +253,70 @@ def test_a_long_gap_is_not_simulated_whole() -> None:
     first = site.newest()
     assert first.at_ms == 10_000_000
     assert report.battery_ratio - first.battery_ratio < 0.01
+
+
+def test_a_robot_with_a_cut_link_has_no_token_until_it_is_called_back() -> None:
+    site = Site(with_robots(1))
+    site.run(0, 1_000)
+    site.role._world.cut(SCENE, A)
+    site.run(1_100, 1_200)
+    site.reports.clear()
+    site.run(1_300, 5_000)
+    assert site.alive == {A: False}
+    assert not site.reports
+    site.tell(Reconnect(robot=A))
+    site.run(5_100, 5_300)
+    assert site.alive == {A: True}
+    assert site.reports
+
+
+def test_resting_robots_report_as_often_as_their_scene_asks_for() -> None:
+    script = with_robots(1)
+    site = Site(script)
+    script.happen(SceneConfigured(**HEAD, config=SceneConfig(state_fetch_ms=300)))
+    site.run(0, 1_000)
+    site.reports.clear()
+    site.run(1_100, 4_000)
+    assert len(site.reports) == 10
+
+
+def test_a_scene_that_rests_takes_its_robots_along_and_brings_them_back_as_they_were() -> None:
+    script = with_robots(2)
+    site = Site(script)
+    site.run(0, 1_000)
+    report = site.newest()
+    site.tell(drive_on(AREA, report, leaving(AREA, report)[0], 1))
+    site.run(1_100, 2_000)
+    before = site.newest()
+    script.happen(SceneDisabled(**HEAD))
+    site.run(2_100, 9_000)
+    assert site.alive == {A: False, B: False}
+    script.happen(RobotRemoved(**HEAD, robot=B), SceneEnabled(**HEAD))
+    site.role.tick(9_100)
+    after = site.newest()
+    assert (after.session, after.progress.piece) == (before.session, before.progress.piece)
+    assert abs(after.x_m - before.x_m) + abs(after.y_m - before.y_m) < 0.2
+    script.happen(SceneRemoved(**HEAD))
+    site.run(9_200, 9_400)
+    assert site.alive == {A: False, B: False}
+
+
+def test_a_robot_that_is_simulated_no_more_leaves_and_another_group_is_another_body() -> None:
+    script = with_robots(1)
+    site = Site(script)
+    site.run(0, 1_000)
+    config = configs(1)[0]
+    slow = Kinematics(speed_mps_max=0.2)
+    group = Group(id=7, name="slow", kinematics=slow)
+    scene = SceneMapReplaced(
+        **HEAD, digest="2", areas=WAREHOUSE.areas, groups=(*WAREHOUSE.groups, group)
+    )
+    other = msgspec.structs.replace(config, group=7)
+    script.happen(scene, RobotReconfigured(**HEAD, robot=A, config=other))
+    site.run(1_100, 1_300)
+    assert next(iter(site.role._world.robots())).body.kinematics == slow
+    real = msgspec.structs.replace(config, simulated=False)
+    script.happen(RobotReconfigured(**HEAD, robot=A, config=real))
+    site.run(1_400, 1_600)
+    assert site.alive == {A: False}
+    assert not len(site.role._world)
