@@ -27,7 +27,6 @@ GET  /api/fleet/orders/query-order-detail
 GET  /api/fleet/robots/all-all
 GET  /api/fleet/robots/query-point
 GET  /api/fleet/robots/{sceneId}/maps/{robotName}
-GET  /api/fleet/robots/{sceneId}/robot-io/{robotName}
 GET  /api/fleet/scenes/list
 GET  /api/fleet/scenes/schema/{sceneId}
 GET  /api/fleet/scenes/{sceneId}/map
@@ -63,7 +62,6 @@ POST /api/fleet/orders/unset-suspended
 POST /api/fleet/robots/reconnect
 POST /api/fleet/robots/off-duty
 POST /api/fleet/robots/master
-POST /api/fleet/robots/clear-bins
 POST /api/fleet/robots/cancel-nav
 POST /api/fleet/robots/pause-nav
 POST /api/fleet/robots/resume-nav
