@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import msgspec
 import pytest
@@ -149,6 +150,36 @@ def test_nobody_moves_before_every_robot_has_been_heard():
     traffic.lost(R1)
     assert traffic.ready
     assert [type(m) for m in traffic.step(2, goals, set())] == [Drive]
+
+
+def test_how_far_off_a_point_or_a_path_a_robot_may_be_is_a_setting():
+    for x, y, point_m, path_m, trouble in (
+        (-0.2, 0.0, 0.3, 0.1, None),  # beside the corner of the map
+        (-0.2, 0.0, 0.1, 0.1, "RobotOffMap"),
+        (1.0, 0.2, 0.1, 0.1, "RobotOffMap"),
+        (1.0, 0.2, 0.1, 0.3, "RobotNotAtStop"),
+    ):
+        made = floor(lattice(3, 3), {"R0": ("P0-0", 0.0)})
+        made.robots[R0].x, made.robots[R0].y = x, y
+        traffic = Traffic(SCENE, lattice(3, 3), GROUPS)
+        traffic.tune(point_m, path_m, 5_000)
+        traffic.add(R0, 0)
+        traffic.observe(made.robots[R0].report(1, 0))
+        assert traffic.trouble(R0) == trouble, (x, y, point_m, path_m)
+
+
+def test_the_interval_of_planning_bounds_the_time_between_two_plannings(monkeypatch):
+    traffic = Traffic(SCENE, lattice(3, 3), GROUPS)
+    planned = []
+    plan = traffic._plan
+    monkeypatch.setattr(traffic, "_plan", lambda now_ms: (planned.append(now_ms), plan(now_ms)))
+    for interval_ms in (2_000, 300):
+        traffic.tune(0.3, 0.3, interval_ms)
+        planned.clear()
+        for now_ms in range(10_000, 20_001, 100):
+            traffic.step(now_ms + interval_ms, {}, set())
+        gaps = {after - before for before, after in pairwise(planned)}
+        assert gaps == {interval_ms}
 
 
 def test_a_robot_off_the_map_is_an_obstacle_until_it_is_put_on_it():
