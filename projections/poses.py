@@ -18,7 +18,8 @@ def common_instant(newest: Iterable[Report]) -> int | None:
     times = [report.at_ms for report in newest]
     if not times:
         return None
-    return min(at_ms for at_ms in times if at_ms >= max(times) - FRESH_MS)
+    oldest_ms = max(times) - FRESH_MS
+    return min([at_ms for at_ms in times if at_ms >= oldest_ms])
 
 
 def around(reports: Sequence[Report], at_ms: int) -> tuple[Report | None, Report | None]:

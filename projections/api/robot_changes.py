@@ -6,8 +6,10 @@ only where its inputs are others than last time. The rows are those of `ui_repor
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from operator import attrgetter
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from itertools import chain
+from operator import attrgetter, is_, itemgetter
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -34,18 +36,15 @@ from projections.poses import around, at_instant
 
 Changes: TypeAlias = dict[str, Any]  # by robot: field -> value, None = gone; None = robot gone
 Figures: TypeAlias = npt.NDArray[np.float64]  # (n_robots, n_columns)
+Between: TypeAlias = tuple[int, float, Report]  # place of the robot, part of the way, report after
 
 _figures = attrgetter(*(field for _, field, _ in NUMBERS))
-_MOVED = ("x_m", "y_m", "speed_mps", "turn_radps")  # interpolated as they are; the heading turns
-_COLUMN = {field: n for n, (_, field, _) in enumerate(NUMBERS)}
-_MOVED_COLUMNS = [_COLUMN[field] for field in _MOVED]
-_HEADING = _COLUMN["heading_rad"]
+_MOVED = ("x_m", "y_m", "speed_mps", "turn_radps", "heading_rad")  # interpolated
+_moved = attrgetter(*_MOVED)
+_MOVED_COLUMNS = [[field for _, field, _ in NUMBERS].index(field) for field in _MOVED]
 _SCALES = np.array([scale for _, _, scale in NUMBERS])
 _NAMES = tuple(name for name, _, _ in NUMBERS)
 _BITS = np.array([1 << n for n in range(len(NUMBERS))])
-_COLUMNS_OF = [
-    [n for n in range(len(NUMBERS)) if bits >> n & 1] for bits in range(1 << len(NUMBERS))
-]
 
 # all else of a report that rows show
 _said = attrgetter(
@@ -75,25 +74,29 @@ class Track:
         "group",
         "identity",
         "known",
+        "online",
+        "own_ms",
         "plan",
         "report",
         "robot",
         "row",
         "said",
         "said_of",
-        "shown_ms",
         "traffic",
+        "unseen",
     )
 
-    def __init__(self) -> None:
-        self.robot: Robot | None = None
-        self.group: Group | None = None
+    def __init__(self, robot: Robot, group: Group) -> None:
+        self.robot = robot
+        self.group = group
+        self.online = robot.online
         self.known: tuple[Order, ...] = ()
         self.plan: Plan | None = None
         self.report: Report | None = None
         self.said_of: tuple[Any, ...] | None = None
-        self.shown_ms: int | None = None
-        self.row: Row = {}
+        self.own_ms: int | None = None  # when it was so; None = at the instant of all
+        self.unseen = True
+        self.row: Row = {}  # without figures and time
         self.identity: Row = {}
         self.said: Row = {}
         self.errand: Row = {}
@@ -115,12 +118,11 @@ class RobotChanges:
 
     def rows(self) -> dict[RobotName, Row]:
         """Give all robots as they were shown last."""
-        found = {}
-        for track in self._tracks.values():
-            assert track.robot is not None
-            if track.shown_ms is not None:
-                track.row["rTime"] = track.shown_ms
-            found[track.robot.name] = track.row
+        found = {track.robot.name: dict(track.row) for track in self._tracks.values()}
+        for track, figures in zip(self._reporting, self._figures.tolist(), strict=True):
+            row = found[track.robot.name]
+            row |= zip(_NAMES, figures, strict=True)
+            row["rTime"] = self.instant_ms if track.own_ms is None else track.own_ms
         return found
 
     def shown(self) -> dict[RobotKey, Robot]:
@@ -154,19 +156,17 @@ class RobotChanges:
         self._robots = robots
         shown = {key: robot for key, robot in robots.items() if not robot.config.disabled}
         for key in self._tracks.keys() - shown.keys():
-            gone = self._tracks.pop(key).robot
-            assert gone is not None
-            changes[gone.name] = None
+            changes[self._tracks.pop(key).robot.name] = None
         groups = groups_of(scene)
         for key, robot in shown.items():
+            known = orders_of(robot, orders) if robot.orders else ()
             track = self._tracks.get(key)
             if track is None:
-                track = self._tracks[key] = Track()
-            known = orders_of(robot, orders)
-            same_orders = _same(known, track.known)
-            if track.robot is robot and same_orders and not anew:
+                track = self._tracks[key] = Track(robot, groups[robot.config.group])
+            elif track.robot is robot and _same(known, track.known) and not anew:
                 continue
-            track.robot, track.known, track.group = robot, known, groups[robot.config.group]
+            track.robot, track.known, track.online = robot, known, robot.online
+            track.group = groups[robot.config.group]
             change = _part(track, "identity", identity(robot, track.group))
             change |= self._report_parts(track)
             change |= self._plan_parts(track)
@@ -174,111 +174,88 @@ class RobotChanges:
                 changes.setdefault(robot.name, {}).update(change)
 
     def _report_parts(self, track: Track) -> Row:
-        assert track.robot is not None and track.group is not None
         return _part(track, "said", said(track.robot, track.group, track.report))
 
     def _plan_parts(self, track: Track) -> Row:
-        robot, report, plan = track.robot, track.report, track.plan
-        assert robot is not None
-        change = _part(track, "errand", errand(robot, track.known, report, plan))
+        report, plan = track.report, track.plan
+        change = _part(track, "errand", errand(track.robot, track.known, report, plan))
         return change | _part(track, "traffic", traffic(track.known, report, plan, self._points))
 
     def _see(self, live: Live, changes: Changes) -> None:
         """Take in what robots report and traffic intends."""
         reporting: list[Track] = []
         befores: list[Report] = []
-        between: list[tuple[int, float, Report]] = []  # place in `befores`, part, report after
+        between: list[Between] = []
+        reports, recents, plans, instant_ms = live.reports, live.recent, live.plans, self.instant_ms
         for key, track in self._tracks.items():
-            assert track.robot is not None
-            report = live.reports.get(key)
+            report, plan = reports.get(key), plans.get(key)
+            change: Row = {}
+            said_of = None
             if report is not None:
-                if track.robot.online and self.instant_ms is not None:
-                    report = self._at_instant(live.recent[key], len(befores), between)
+                own_ms: int | None = report.at_ms
+                if track.online and instant_ms is not None:
+                    report, own_ms = _brought(recents[key], instant_ms, len(befores), between)
+                if own_ms is None:
+                    if track.unseen:
+                        change["rTime"] = instant_ms
+                elif track.online or own_ms != track.own_ms or track.unseen:
+                    change["rTime"] = own_ms
+                track.own_ms, track.unseen = own_ms, False
                 reporting.append(track)
                 befores.append(report)
-            change = self._seen(track, report, live.plans.get(key))
+                said_of = _said(report)
+            new_report = said_of != track.said_of
+            if new_report or plan is not track.plan:
+                change |= self._seen(track, report, said_of, plan, new_report=new_report)
             if change:
                 changes.setdefault(track.robot.name, {}).update(change)
         self._changed_figures(reporting, _between(befores, between), changes)
 
-    def _at_instant(
-        self, recent: Sequence[Report], place: int, between: list[tuple[int, float, Report]]
-    ) -> Report:
-        """Give the report around which the instant lies, and note what is to be interpolated."""
-        assert self.instant_ms is not None
-        newest = recent[-1]
-        if newest.at_ms == self.instant_ms:
-            return newest
-        before, after = around(recent, self.instant_ms)
-        if before is None or after is None or before.area != after.area:
-            return at_instant(recent, self.instant_ms)
-        part = (self.instant_ms - before.at_ms) / (after.at_ms - before.at_ms)
-        between.append((place, part, after))
-        return before
-
-    def _seen(self, track: Track, report: Report | None, plan: Plan | None) -> Row | None:
-        """Make the parts anew whose inputs have changed; the figures come later."""
-        said_of = None if report is None else _said(report)
-        new_report = said_of != track.said_of
-        new_plan = plan is not track.plan and not _alike(plan, track.plan)
-        track.report, track.plan = report, plan
-        change: Row | None = None
-        if report is not None:
-            assert track.robot is not None
-            change = self._time(track, report, online=track.robot.online)
-        if not (new_report or new_plan):
-            return change
-        track.said_of = said_of
+    def _seen(
+        self,
+        track: Track,
+        report: Report | None,
+        said_of: tuple[Any, ...] | None,
+        plan: Plan | None,
+        *,
+        new_report: bool,
+    ) -> Row:
+        """Make the parts anew whose inputs have changed."""
+        new_plan = not _alike(plan, track.plan)
         self.plans_changed |= new_plan
-        change = change or {}
+        before = track.plan
+        track.report, track.said_of, track.plan = report, said_of, plan
         if new_report:
-            change |= self._report_parts(track)
-        return change | self._plan_parts(track)
-
-    def _time(self, track: Track, report: Report, *, online: bool) -> Row | None:
-        """Say when the robot was so, where that is not the instant of all who answer."""
-        shown_ms = report.at_ms
-        if online and self.instant_ms is not None:
-            shown_ms = _shown_ms(report, self.instant_ms)
-            if shown_ms == self.instant_ms and track.shown_ms is not None:
-                track.shown_ms = shown_ms
-                return None
-        elif shown_ms == track.shown_ms:
-            return None
-        track.shown_ms = shown_ms
-        return {"rTime": shown_ms}
+            return self._report_parts(track) | self._plan_parts(track)
+        if not new_plan:
+            return {}
+        if before is None or plan is None or before.moving != plan.moving:
+            return self._plan_parts(track)
+        return _part(track, "traffic", traffic(track.known, report, plan, self._points))
 
     def _changed_figures(self, reporting: list[Track], figures: Figures, changes: Changes) -> None:
+        if not reporting:
+            self._reporting, self._figures = reporting, figures
+            return
         if reporting != self._reporting:
             self._reporting, self._figures = reporting, np.full(figures.shape, np.nan)
-        bits = ((figures != self._figures) @ _BITS).tolist() if reporting else []
+        masks = (figures != self._figures) @ _BITS
         self._figures = figures
-        rows = figures.tolist()
-        for place, mask in enumerate(bits):
-            if mask:
-                track, row = reporting[place], rows[place]
-                change = {_NAMES[n]: row[n] for n in _COLUMNS_OF[mask]}
-                track.row.update(change)
-                assert track.robot is not None
-                known = changes.get(track.robot.name)
-                if known is None:
-                    changes[track.robot.name] = change
-                else:
-                    known.update(change)
-
-
-def _shown_ms(report: Report, instant_ms: int) -> int:
-    """A report from before the instant was brought to it; a newer one is the first there is."""
-    return max(report.at_ms, instant_ms)
+        (places,) = masks.nonzero()
+        moved = zip(places.tolist(), masks[places].tolist(), figures[places].tolist(), strict=True)
+        for place, mask, row in moved:
+            change = dict(zip(*_picked(mask, row), strict=True))
+            name = reporting[place].robot.name
+            known = changes.get(name)
+            if known is None:
+                changes[name] = change
+            else:
+                known.update(change)
 
 
 def _same(one: tuple[Order, ...], other: tuple[Order, ...]) -> bool:
     """Whether these are the same values; comparing them field by field is not needed."""
-    return len(one) == len(other) and all(map(_is, one, other))
-
-
-def _is(one: Order, other: Order) -> bool:
-    return one is other
+    return len(one) == len(other) and all(map(is_, one, other))
 
 
 def _alike(one: Plan | None, other: Plan | None) -> bool:
@@ -308,27 +285,58 @@ def _part(track: Track, part: str, now: Row) -> Row:
     return change
 
 
-def _between(befores: list[Report], between: list[tuple[int, float, Report]]) -> Figures:
+def _brought(
+    recent: Sequence[Report], instant_ms: int, place: int, between: list[Between]
+) -> tuple[Report, int | None]:
+    """Give the last report until the instant, and note what is to be interpolated behind it.
+
+    Beside it the time at which the robot is shown, None for the instant itself.
+    """
+    newest = recent[-1]
+    if newest.at_ms == instant_ms:
+        return newest, None
+    before, after = around(recent, instant_ms)
+    if before is None:
+        return recent[0], recent[0].at_ms  # it joined just now
+    if after is None or before.area != after.area:
+        return at_instant(recent, instant_ms), None
+    between.append((place, (instant_ms - before.at_ms) / (after.at_ms - before.at_ms), after))
+    return before, None
+
+
+def _picked(mask: int, row: list[float]) -> tuple[tuple[str, ...], Iterable[float]]:
+    """Give the names and values of the figures whose bits are set."""
+    names, pick = _picks(mask)
+    values = pick(row)
+    return names, (values if len(names) > 1 else (values,))
+
+
+@cache
+def _picks(mask: int) -> tuple[tuple[str, ...], Any]:
+    places = [n for n in range(len(NUMBERS)) if mask >> n & 1]
+    return tuple(_NAMES[n] for n in places), itemgetter(*places)
+
+
+def _between(befores: list[Report], between: list[Between]) -> Figures:
     """Give the figures at the instant, as `at_instant` has them, rounded."""
-    if not befores:
-        return np.empty((0, len(NUMBERS)))
-    figures = np.array([_figures(report) for report in befores], dtype=np.float64)
+    flat = list(chain.from_iterable(map(_figures, befores)))
+    figures = np.array(flat, dtype=np.float64).reshape(-1, len(NUMBERS))
     if between:
-        places = [place for place, _, _ in between]
-        part = np.array([part for _, part, _ in between])
-        after = np.array([_figures(report) for _, _, report in between], dtype=np.float64)
-        before = figures[places]
-        for column in _MOVED_COLUMNS:
-            moved = before[:, column] + part * (after[:, column] - before[:, column])
-            figures[places, column] = moved
-        turn_rad = _remainder(after[:, _HEADING] - before[:, _HEADING])
-        figures[places, _HEADING] = _remainder(before[:, _HEADING] + part * turn_rad)
+        places = np.array([place for place, _, _ in between])[:, None]
+        part = np.array([part for _, part, _ in between])[:, None]
+        flat = list(chain.from_iterable([_moved(report) for _, _, report in between]))
+        before = figures[places, _MOVED_COLUMNS]
+        step = np.array(flat, dtype=np.float64).reshape(before.shape) - before
+        step[:, -1] = _remainders(step[:, -1])
+        now = before + part * step
+        now[:, -1] = _remainders(now[:, -1])
+        figures[places, _MOVED_COLUMNS] = now
     scaled = figures * _SCALES
     # adding 0.0 makes 0.0 of -0.0
     return np.where(np.abs(scaled) < EXACT_MAX, np.rint(scaled) / _SCALES + 0.0, figures)
 
 
-def _remainder(angles_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _remainders(angles_rad: npt.NDArray[np.float64]) -> list[float]:
     """`math.remainder` of each by a full turn: numpy has no such function."""
     remainder, turn = math.remainder, math.tau
-    return np.array([remainder(angle, turn) for angle in angles_rad.tolist()])
+    return [remainder(angle, turn) for angle in angles_rad.tolist()]

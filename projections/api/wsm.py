@@ -121,7 +121,6 @@ class Client:
         self._socket = socket
         self._service = service
         self._naming = naming
-        self._scenes: set[SceneId] = set()
         self._pushed: str | None = None  # frame that is on its way
         self._pushing: asyncio.Task[None] | None = None
         self._woken = asyncio.Event()
@@ -193,20 +192,18 @@ class Client:
         if any(field not in FOLLOWED for field in fields):
             words = f"Field 'content.fields': only {', '.join(FOLLOWED)} can be followed."
             raise Refused("errFieldInvalid", words, "content.fields")
-        if scene not in self._scenes and len(self._scenes) >= SUBSCRIPTIONS_MAX:
+        if self._service.push.followed_by(self) >= SUBSCRIPTIONS_MAX:
             words = f"A client may follow {SUBSCRIPTIONS_MAX} scenes."
             raise Refused("errTooManyScenes", words, SUBSCRIPTIONS_MAX)
         if self._pushing is None:
             self._pushing = asyncio.create_task(self._push_on())
         self._service.push.subscribe(self, scene, frozenset(fields))
-        self._scenes.add(scene)
         return msgspec.json.encode({"sceneId": scene, "fields": fields})
 
     def _unsubscribe(self, asked: ReportsAsked) -> bytes:
         scene = SceneId(asked.scene_id)
         if not self._service.push.unsubscribe(self, scene):
             raise _not_followed(scene)
-        self._scenes.discard(scene)
         return b"{}"
 
     def _resync(self, asked: ReportsAsked) -> bytes:

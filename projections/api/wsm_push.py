@@ -75,6 +75,11 @@ class Channel:
         """Give this client a snapshot next."""
         self._following[listener].behind = True
 
+    def resync_all(self) -> None:
+        """Give everybody a snapshot next: a look has failed, and may have lost changes."""
+        for following in self._following.values():
+            following.behind = True
+
     def tick(self, position: int) -> None:
         """Look at the scene, and send what has changed; raises Refused once it is gone."""
         wanted = frozenset[str]().union(*(s.fields for s in self._following.values()))
@@ -158,6 +163,15 @@ class Push:
         self._channels: dict[SceneId, Channel] = {}
         self._tickers: dict[SceneId, asyncio.Task[None]] = {}
 
+    @property
+    def followed(self) -> int:
+        """Number of scenes that somebody follows."""
+        return len(self._channels)
+
+    def followed_by(self, listener: Listener) -> int:
+        """Number of scenes that this client follows."""
+        return sum(channel.follows(listener) for channel in self._channels.values())
+
     def subscribe(self, listener: Listener, scene: SceneId, fields: frozenset[str]) -> None:
         """Let a client follow a scene that there is."""
         channel = self._channels.get(scene)
@@ -209,5 +223,6 @@ class Push:
                 return
             except Exception as trouble:  # the next look may do better
                 log.exception("no frame", scene=scene, reason=str(trouble))
+                channel.resync_all()
             due = max(due + self._tick_s, loop.time())  # what was missed is not made up for
             await asyncio.sleep(due - loop.time())

@@ -6,7 +6,9 @@ from starlette.types import ASGIApp
 from commands.api.m4_scene_config import wire
 from fleetledger.access.callers import Anybody
 from fleetledger.api import build
+from projections.api.m4_resources import external_map_res
 from projections.api.m4_scene_query import Beside, PlansAt, ReportsAt, SceneQueries
+from projections.devices import door_reports, lift_reports
 from tests.projections.past import Side
 
 
@@ -17,9 +19,9 @@ def asked_of(
 ) -> SceneQueries:
     beside = Beside(
         config=wire,
-        doors=lambda live, fleet, scene: {str(door.id): {"id": door.id} for door in scene.doors},
-        lifts=lambda live, fleet, scene: {},
-        map_resources=lambda fleet, scene: sorted(fleet.claims),
+        doors=door_reports,
+        lifts=lift_reports,
+        map_resources=external_map_res,
     )
     return SceneQueries(side.find, reports_at, plans_at, beside)
 
