@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from fastapi_offline import FastAPIOffline
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp
 
 from fleetledger.access.callers import Callers
@@ -70,7 +70,7 @@ def build(
 def _own() -> APIRouter:
     router = APIRouter(route_class=ThinRoute, tags=["server"])
 
-    @router.get("/metrics", response_class=Response)
+    @router.get("/metrics", response_class=PlainTextResponse)
     async def metrics(request: Request) -> Response:
         """Figures for Prometheus."""
         return Response(generate_latest(), media_type=CONTENT_TYPE_LATEST)

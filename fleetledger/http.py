@@ -9,7 +9,7 @@ import msgspec
 from fastapi import APIRouter, FastAPI
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
@@ -83,9 +83,9 @@ class TooSlow(Refused):
 class ErrorBody(BaseModel):
     """The body of every refusal (spec/m4.md, ErrorBody)."""
 
-    code: str
-    message: str
-    args: list[Any] = []
+    code: str = Field(description="Code that programs may rely on.")
+    message: str = Field(description="Which field is wrong, what is wrong, what would be right.")
+    args: list[Any] = Field([], description="What the message speaks of.")
 
 
 class Later(Refused):

@@ -9,6 +9,7 @@ from fastapi.routing import APIRoute
 
 from fleetledger.access.callers import APP_ID_HEADER, APP_KEY_HEADER, TOKEN_HEADER, USER_HEADER
 from fleetledger.http import ErrorBody
+from replay.api import OWN_PARTS
 
 EXAMPLES = Path(__file__).parent / "examples"  # the specification's own, file by file
 
@@ -84,11 +85,12 @@ def completed(document: dict[str, Any]) -> dict[str, Any]:
     groups = {path: group for group, path in EXAMPLES_OF.items()}
     for path, item in document["paths"].items():
         for operation in item.values():
+            schemas |= operation["responses"].get("200", {}).pop(OWN_PARTS, {})
             _speak(operation)
             _refuse(operation, "404" if path.startswith(_REPLAY) else None)
             if path in groups:
                 _exemplify(operation, groups[path])
-    _simplify_tuples(document["paths"])
+    _simplify_tuples(document)
     return document
 
 

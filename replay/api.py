@@ -24,6 +24,7 @@ from replay.source import Source
 from replay.story import Story
 
 EVENTS_MAX = 10_000  # of one answer
+OWN_PARTS = "x-parts"  # of a documented response: schemas that it refers to
 STREAM_EVENTS_MAX = 500  # read at once for one follower
 FOLLOWERS_MAX = 64
 ORDERS_MAX = 500  # of one frame
@@ -73,8 +74,8 @@ class FrameAsked(MapAsked):
 class StoryAsked(_Asked):
     """Whose story, up to when."""
 
-    order: str = Field(alias="orderId")
-    as_of: str | None = Field(None, alias="asOf")
+    order: str = Field(alias="orderId", description="Order id.")
+    as_of: str | None = Field(None, alias="asOf", description="A past moment; default: now.")
 
 
 def router(source: Source, route_class: type[APIRoute] = APIRoute) -> APIRouter:
@@ -93,20 +94,12 @@ def _json(body: object, position: int) -> Response:
 
 
 def _answer(of: Any) -> dict[int | str, dict[str, Any]]:
-    """Document an answer by its type, as FastAPI does for pydantic models."""
-    (schema,), components = msgspec.json.schema_components([of], ref_template="{name}")
-    inlined = _inlined(schema, components)
-    return {200: {"content": {"application/json": {"schema": inlined}}}}
-
-
-def _inlined(schema: Any, components: dict[str, Any]) -> Any:
-    if isinstance(schema, list):
-        return [_inlined(part, components) for part in schema]
-    if not isinstance(schema, dict):
-        return schema
-    if "$ref" in schema:
-        return _inlined(components[schema["$ref"]], components)
-    return {name: _inlined(part, components) for name, part in schema.items()}
+    """Document an answer by its type; the front door puts its parts among the document's own."""
+    (schema,), parts = msgspec.json.schema_components(
+        [of], ref_template="#/components/schemas/Own{name}"
+    )
+    named = {f"Own{name}": part | {"title": f"Own{name}"} for name, part in parts.items()}
+    return {200: {"content": {"application/json": {"schema": schema}}, OWN_PARTS: named}}
 
 
 def _ledger(made: APIRouter, source: Source) -> None:

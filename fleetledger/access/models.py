@@ -57,7 +57,7 @@ class UpdateUserAsked(Wire):
     """What is null stays as it is."""
 
     username: Name = Field(description="Name of a user.")
-    role: RoleName | None = None
+    role: RoleName | None = Field(None, description="Another role.")
     password: Password | None = Field(None, description="10 to 256 characters; ends all sessions.")
     disabled: bool | None = Field(None, description="True ends all sessions.")
 

@@ -102,8 +102,8 @@ class FindCountResult(Answer):
     count: int = Field(description="Orders that match.")
 
 
-class Point2D(Answer):
-    """A place."""
+class PointXY(Answer):
+    """A place (spec/m4.md, Point2D)."""
 
     x: float = Field(description="m")
     y: float = Field(description="m")
@@ -112,7 +112,7 @@ class Point2D(Answer):
 class CollisionPolygon(Answer):
     """The robot's outline in its own coordinates."""
 
-    points: list[Point2D] = Field(description="Corners.")
+    points: list[PointXY] = Field(description="Corners.")
     type: Literal["Other", "Rect"] = Field(description="Kind of polygon.")
     ignoreRobotSafeDist: bool | None = Field(description="Always null.")
     ignoreLoadSafeDist: bool | None = Field(description="Always null.")
@@ -123,7 +123,7 @@ class SpaceResource(Answer):
     """Ground that a robot holds."""
 
     type: Literal["Rect", "Circle", "Polygon"] = Field(description="Kind of shape.")
-    points: list[Point2D] = Field(description="Corners; of a circle its centre.")
+    points: list[PointXY] = Field(description="Corners; of a circle its centre.")
     radius: float | None = Field(description="Of a circle, m.")
 
 
@@ -142,7 +142,7 @@ class RobotLoadRelation(Answer):
 
     type: str = Field(description="Kind of goods.")
     id: str = Field(description="Container.")
-    points: list[Point2D] = Field(description="Outline, in the robot's coordinates.")
+    points: list[PointXY] = Field(description="Outline, in the robot's coordinates.")
     direction: float = Field(description="rad")
 
 

@@ -76,27 +76,29 @@ class PageAsked(RowsAsked):
     """find/page."""
 
     page_no: int = Field(alias="pageNo", ge=1, le=1_000_000_000, description="From 1.")
-    page_size: int = Field(alias="pageSize", ge=1, le=PAGE_SIZE_MAX)
+    page_size: int = Field(alias="pageSize", ge=1, le=PAGE_SIZE_MAX, description="Rows of a page.")
 
 
 class OneAsked(RowsAsked):
     """find/one: by id, or the first that meets the query."""
 
-    id: str | None = None
-    skip: int | None = None
+    id: str | None = Field(None, description="Order id; goes before the query.")
+    skip: int | None = Field(None, description="Rows to leave out at the front.")
 
 
 class DetailAsked(AsOf):
     """orders/query-order-detail."""
 
-    order_id: str = Field(alias="orderId", min_length=1, max_length=200)
+    order_id: str = Field(alias="orderId", min_length=1, max_length=200, description="Order id.")
 
 
 class RobotsAsked(AsOf):
     """robots/all-all."""
 
     scene_id: str | None = Field(None, alias="sceneId", description="Goes before sceneName.")
-    scene_name: str | None = Field(None, alias="sceneName")
+    scene_name: str | None = Field(
+        None, alias="sceneName", description="Name of a scene, where no id is given."
+    )
     raw_all: bool = Field(False, alias="rawAll", description="With the robots' own reports.")
 
 
