@@ -162,3 +162,4 @@ def test_a_client_generated_from_the_document_drives_the_server(
         "orders", "fleet_orders_create", body=model("CreateOrderReq", wanted | {"sceneId": "none"})
     )
     assert (refused.status_code, refused.parsed.code) == (400, "errSceneNotFound")
+    client.get_httpx_client().close()

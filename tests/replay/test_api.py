@@ -15,7 +15,7 @@ from ledger.errors import Refused
 from ledger.evolve import fold
 from ledger.moment import time_text
 from ledger.state import Fleet
-from replay.api import CONSOLE, _stream, router
+from replay.api import CONSOLE, OWN_PARTS, _stream, router
 from tests.replay.site import R1, SCENE, START_MS, TURN_MS, WAITING, Site, carried, reports
 
 
@@ -220,4 +220,5 @@ async def test_the_documentation_names_what_answers_hold(site: Site) -> None:
     paths = app_of(site).openapi()["paths"]
     answer = paths["/api/replay/frame"]["get"]["responses"]["200"]
     schema = answer["content"]["application/json"]["schema"]
-    assert "robots" in schema["properties"]
+    name = schema["$ref"].removeprefix("#/components/schemas/")
+    assert "robots" in answer[OWN_PARTS][name]["properties"]
