@@ -1,5 +1,6 @@
 """Where a simulated robot begins: off the lanes if it can, and clear of everybody else."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from math import atan2, hypot, pi
 
@@ -96,9 +97,14 @@ def free_place(
     others: Iterable[SimRobot],
     preferred: PointName | None = None,
 ) -> Place | None:
-    """Choose the first place whose disc is clear of all others' discs; none if there is no room."""
+    """Choose the first place whose disc is clear of all others' discs; none if there is no room.
+
+    Of several grounds that with the fewest robots for its size goes first: each floor gets some.
+    """
     obstacles: dict[int, list[tuple[float, float, float]]] = {}
+    robots: Counter[int] = Counter()
     for robot in others:
+        robots[robot.body.area] += 1
         reach_m = robot.body.radius_m + radius_m + CLEARANCE_M
         obstacles.setdefault(robot.body.area, []).extend((x, y, reach_m) for x, y in taken(robot))
     known = list(grounds)
@@ -107,6 +113,7 @@ def free_place(
             point = ground.points.get(preferred)
             if point is not None and _clear(ground.place(point), obstacles):
                 return ground.place(point)
+    known.sort(key=lambda ground: robots[ground.area.id] / max(len(ground.points), 1))
     for ground in known:
         for candidate in ground.places():
             if _clear(candidate, obstacles):
