@@ -1,6 +1,7 @@
 """A robot is told something on its way, through the whole system, and what becomes of that."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -76,7 +77,7 @@ class Work:
     def ended(self) -> bool:
         return self.order_id not in self.shift.fleet.orders
 
-    def happened(self, kind: type[AnyEvent]) -> list[AnyEvent]:
+    def happened(self, kind: type[AnyEvent]) -> list[Any]:
         return [event for event in self.shift.ledger.read(0) if isinstance(event, kind)]
 
     def reject(self) -> str:
