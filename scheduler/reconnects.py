@@ -12,7 +12,6 @@ from ledger.scene_config import SceneConfig
 from ledger.state import Robot
 from scheduler.observe import lost_after_ms
 
-
 FIRST_MS = 2_000  # who has just gone may be on its way back
 
 
