@@ -198,7 +198,7 @@ def _check_lifts(scene: SceneFile) -> None:
                 _refuse(f"lifts[{i}].{field}", what, lift.name)
 
 
-def _check_devices(where: str, devices: tuple[Door, ...] | tuple[Lift, ...]) -> None:
+def _check_devices(where: str, devices: tuple[Door | Lift, ...]) -> None:
     if len(devices) > DEVICES_MAX:
         _refuse(where, f"a scene has at most {DEVICES_MAX}, not {len(devices)}", len(devices))
     _once(where, "id", (device.id for device in devices))

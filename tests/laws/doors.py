@@ -92,8 +92,7 @@ class Doorkeeping:
     def bodies(self) -> dict[RobotName, shapely.Polygon]:
         outline = ((0.5, 0.35), (-0.5, 0.35), (-0.5, -0.35), (0.5, -0.35))
         return {
-            robot.body.name: body(outline, *place(robot)[:3])
-            for robot in self.shift.world.robots()
+            robot.body.name: body(outline, *place(robot)[:3]) for robot in self.shift.world.robots()
         }
 
     def in_doors(self) -> dict[int, list[RobotName]]:
