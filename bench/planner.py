@@ -103,7 +103,19 @@ class Runner:
         )
 
 
-def steps(robots: int, side: int, seconds: int, seed: int) -> dict[str, float]:
+def reserve(traffic: Traffic, chance: random.Random, claims: int) -> float:
+    """Reserve ground in the middle of lanes; gives milliseconds per claim."""
+    start = time.perf_counter()
+    at = {point.name: point for point in traffic.area.points}
+    for k, lane in enumerate(chance.sample(traffic.area.paths, claims)):
+        a, b = at[lane.start], at[lane.end]
+        x, y, r = (a.x_m + b.x_m) / 2, (a.y_m + b.y_m) / 2, 0.05
+        ring = ((x - r, y - r), (x + r, y - r), (x + r, y + r), (x - r, y + r))
+        traffic.claim(f"claim {k}", "somebody", (ring,))
+    return (time.perf_counter() - start) * 1000 / max(claims, 1)
+
+
+def steps(robots: int, side: int, seconds: int, seed: int, claims: int = 0) -> dict[str, float]:
     """Milliseconds per call of `step`, and orders done, with random goals for everybody."""
     area = lattice(side)
     chance = random.Random(seed)
@@ -117,6 +129,7 @@ def steps(robots: int, side: int, seconds: int, seed: int) -> dict[str, float]:
     goals: dict[RobotName, Goal] = {}
     taken: list[float] = []
     reports_s, done, now_ms = 0.0, 0, 0
+    claim_ms = reserve(traffic, chance, claims)
     for _ in range(round(seconds / TICK_S)):
         now_ms += round(TICK_S * 1000)
         held = {goal.point for goal in goals.values()}
@@ -154,6 +167,8 @@ def steps(robots: int, side: int, seconds: int, seed: int) -> dict[str, float]:
         "step_ms_p50": settled[len(settled) // 2],
         "step_ms_p99": settled[math.ceil(len(settled) * 0.99) - 1],
         "quiet_step_us": quiet_us,
+        "claims": claims,
+        "claim_ms": claim_ms,
         "report_us": reports_s * 1e6 / (len(taken) * robots),
         "orders_per_h": done * 3600 / seconds,
     }
@@ -184,7 +199,12 @@ def compiling(side: int) -> dict[str, float]:
 def main() -> None:
     """Measure, print, and keep."""
     results = {
-        "step": [steps(50, 20, 60, 1), steps(100, 26, 60, 1), steps(100, 15, 60, 1)],
+        "step": [
+            steps(50, 20, 60, 1),
+            steps(100, 26, 60, 1),
+            steps(100, 26, 60, 1, claims=20),
+            steps(100, 15, 60, 1),
+        ],
         "compile": [compiling(16), compiling(51)],
     }
     console = Console(width=160)

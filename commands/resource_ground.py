@@ -7,7 +7,7 @@ import numpy.typing as npt
 import shapely
 
 from ledger.ids import UnitId
-from ledger.scene import XY, Area, Path, Point
+from ledger.scene import XY, Area, Path, Point, Value
 from ledger.state import MapUnit
 
 AROUND_M = 0.05  # reserved on each side of a point (a square) and of a path
@@ -15,6 +15,7 @@ SAMPLES = 65  # positions on a curved path
 OVERLAP_M2 = 1e-9  # polygons that only touch share less than this
 AREA_M2_MIN = 1e-6
 REMEMBERED_MAX = 10_000
+AREAS_REMEMBERED_MAX = 64
 
 Polygons: TypeAlias = npt.NDArray[Any]  # of shapely polygons
 
@@ -31,6 +32,29 @@ def fault_of(ring: tuple[XY, ...]) -> str | None:
     return None
 
 
+class Names(Value, frozen=True, kw_only=True):
+    """Points and paths of an area by what clients call them."""
+
+    points: dict[str, Point]
+    paths: dict[str, Path]
+
+
+_indexed: dict[int, tuple[Area, Names]] = {}
+
+
+def names_of(area: Area) -> Names:
+    """Index an area, once for as long as it stays the same."""
+    known = _indexed.get(id(area))
+    if known is not None and known[0] is area:
+        return known[1]
+    points: dict[str, Point] = {point.name: point for point in area.points}
+    paths: dict[str, Path] = {path.key: path for path in area.paths}
+    while len(_indexed) >= AREAS_REMEMBERED_MAX:
+        _indexed.pop(next(iter(_indexed)), None)
+    _indexed[id(area)] = (area, Names(points=points, paths=paths))
+    return _indexed[id(area)][1]
+
+
 def ground_of(area: Area, unit: MapUnit) -> Polygons:
     """Give the polygons of a unit; names that a newer map has not any more stand for no ground.
 
@@ -39,8 +63,8 @@ def ground_of(area: Area, unit: MapUnit) -> Polygons:
     known = _remembered.get(unit.id)
     if known is not None and known[0] is unit and known[1] is area:
         return known[2]
-    at: dict[str, Point] = {point.name: point for point in area.points}
-    lanes: dict[str, Path] = {path.key: path for path in area.paths}
+    names = names_of(area)
+    at, lanes = names.points, names.paths
     found = [_square(at[name]) for name in unit.points if name in at]
     found += [_lane(at, lanes[key]) for key in unit.paths if key in lanes]
     found += [shapely.Polygon(ring) for ring in unit.zones]

@@ -4,7 +4,7 @@ import numpy as np
 
 from commands.command import Command, Decision, Events, at_most
 from commands.rejected import Reason, Rejected
-from commands.resource_ground import fault_of, ground_of, overlap
+from commands.resource_ground import fault_of, ground_of, names_of, overlap
 from commands.resource_target import Target, areas_named, scene_named, target_of
 from ledger.events import (
     AnyEvent,
@@ -125,9 +125,9 @@ def _unit(scene: Scene, area: Area, asked: UnitAsked, field: str) -> MapUnit:
     if not (asked.points or asked.paths or asked.zones):
         message = f"Unit '{asked.id}' names no point, no path and no zone."
         raise Rejected(Reason.RESOURCE_UNIT_EMPTY, message, asked.id)
-    points, paths = {p.name for p in area.points}, {p.key for p in area.paths}
-    strange = [*(p for p in asked.points if p not in points)]
-    strange += [p for p in asked.paths if p not in paths]
+    names = names_of(area)
+    strange = [point for point in asked.points if point not in names.points]
+    strange += [path for path in asked.paths if path not in names.paths]
     if strange:
         raise Rejected(
             Reason.RESOURCE_PLACE_UNKNOWN,

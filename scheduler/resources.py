@@ -7,7 +7,7 @@ import shapely
 
 from ledger.ids import SceneId, UnitId
 from ledger.proposals import GrantMapResources
-from ledger.scene import XY, Area
+from ledger.scene import XY, Area, Path
 from ledger.state import MapClaim, MapUnit
 from scheduler.roads import TrafficLike
 from scheduler.traffic.geometry import is_straight, poses_along
@@ -38,12 +38,12 @@ class Reservations:
             if claim is None or claim.unit is not unit:
                 traffic[unit.area].unclaim(id_)
                 del self._told[id_]
+        grounds = {area.id: Ground(area) for area in areas if area.id in traffic}
         for id_, claim in now.items():
             unit = claim.unit
-            if id_ not in self._told and unit.area in traffic:
-                area = next(area for area in areas if area.id == unit.area)
-                ground = rings(area, unit)
-                traffic[unit.area].claim(id_, unit.owner, ground, owned=claim.granted)
+            if id_ not in self._told and unit.area in grounds:
+                rings = grounds[unit.area].rings(unit)
+                traffic[unit.area].claim(id_, unit.owner, rings, owned=claim.granted)
                 self._told[id_] = unit
         waiting = sorted((c for c in claims if not c.granted), key=_application)
         self._pending = [list(group) for _, group in groupby(waiting, key=_application)]
@@ -65,20 +65,20 @@ def _application(claim: MapClaim) -> tuple[str, int, int]:
     return claim.unit.owner, claim.at_ms, claim.unit.area
 
 
-def rings(area: Area, unit: MapUnit) -> list[tuple[XY, ...]]:
-    """Give the ground of a unit; names that the map has not any more stand for none."""
-    found = list(unit.zones)
-    points = set(unit.points)
-    found += [_square((p.x_m, p.y_m)) for p in area.points if p.name in points]
-    paths = set(unit.paths)
-    if paths:
-        at = {point.name: (point.x_m, point.y_m) for point in area.points}
-        found += [
-            _lane((at[path.start], *path.controls, at[path.end]))
-            for path in area.paths
-            if path.key in paths
-        ]
-    return found
+class Ground:
+    """The ground of an area by the names of its points and paths."""
+
+    def __init__(self, area: Area) -> None:
+        self._points: dict[str, XY] = {p.name: (p.x_m, p.y_m) for p in area.points}
+        self._paths: dict[str, Path] = {path.key: path for path in area.paths}
+
+    def rings(self, unit: MapUnit) -> list[tuple[XY, ...]]:
+        """Give the ground of a unit; names that the map has not any more stand for none."""
+        at = self._points
+        found = [*unit.zones, *(_square(at[name]) for name in unit.points if name in at)]
+        paths = [self._paths[key] for key in unit.paths if key in self._paths]
+        found += [_lane((at[path.start], *path.controls, at[path.end])) for path in paths]
+        return found
 
 
 def _square(at: XY) -> tuple[XY, ...]:

@@ -6,10 +6,8 @@ before drives on to its end, what stands there is sent out, and no robot ever wa
 the middle of its way: a pending claim queues behind all commits, an owned one is in nobody's way.
 """
 
-import copy
 from collections.abc import Iterable, Sequence, Set
 from heapq import nsmallest
-from itertools import pairwise
 from typing import TypeAlias
 
 import msgspec
@@ -18,12 +16,11 @@ import shapely
 from ledger.ids import RobotName
 from ledger.scene import XY
 from scheduler.traffic.admission import NEVER
+from scheduler.traffic.closures import Closure, Closures, together
 from scheduler.traffic.costs import INFINITE, WAYS_MAX, Costs
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.grants import Grants
-from scheduler.traffic.moves import Moves
 from scheduler.traffic.placing import Entry
-from scheduler.traffic.pockets import find
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import ENTRY, Builder
 from scheduler.traffic.track import Track
@@ -34,6 +31,7 @@ FAR_S = 1_000.0  # there is no way on from such a stop, but it is one
 WAY_MAX = 1_000  # moves looked at for the claim that is in a robot's way
 
 Ids: TypeAlias = frozenset[str]
+NONE: Ids = frozenset()
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -42,19 +40,16 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     id: str
     owner: str
     shapes: tuple[int, ...]  # numbers in the grant table
-    cells: frozenset[int]  # compiled cells that it overlaps
-    moves: frozenset[int]
-    turns: frozenset[int]  # points where nobody can turn
-    places: int  # bits
+    closed: Closure
 
 
-class Closure(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What some claims close together."""
+class Summary(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """All claims at once, for what is asked of every robot."""
 
-    cells: frozenset[int] = frozenset()
-    moves: frozenset[int] = frozenset()
-    turns: frozenset[int] = frozenset()
-    places: int = 0
+    ids: Ids
+    owners: frozenset[str]
+    pending: Closure
+    pending_shapes: frozenset[int]
 
 
 class Claims:
@@ -62,50 +57,43 @@ class Claims:
 
     def __init__(self, roadmap: Roadmap, grants: Grants, costs: dict[int, Costs]) -> None:
         """`costs` are those of the open map, by group."""
-        self.roadmap = roadmap  # with the dead ends that the claims make
         self._open = roadmap
+        self._roadmap: Roadmap | None = roadmap  # None = to be made anew
         self._grants = grants
         self._costs = costs
         self._claims: dict[str, Claim] = {}
         self._pending: set[str] = set()
+        self._shapes: set[int] = set()  # of all claims
+        self._heeded = True  # robots know of the last change
+        self._summary: Summary | None = None  # None = to be made anew
+        self._finder = Closures(roadmap)
         self._closures: dict[Ids, Closure] = {}
         self._in_way: dict[tuple[int, int, float, int, Ids], tuple[str, ...]] = {}
         self._closed_costs: dict[tuple[int, Ids], Costs] = {}
-        self._inner_turns: dict[int, set[int]] | None = None  # point -> moves that turn on it
 
     def __bool__(self) -> bool:
-        return bool(self._claims)
+        """Is there anything that robots must heed, or need not heed any more."""
+        return bool(self._claims) or not self._heeded
 
     # -- claims come and go
 
     def add(self, id_: str, owner: str, rings: Sequence[tuple[XY, ...]], *, owned: bool) -> None:
         """Reserve these polygons; `owned`: it was granted before, by a scheduler that is gone."""
-        polygons = [shapely.Polygon(ring) for ring in rings]
-        bodies = {n: shapely.Polygon(ring) for n, ring in self._grants.shapes().items()}
-        ours = {shape for claim in self._claims.values() for shape in claim.shapes}
-        shapes, cells = [], set()
-        for polygon, ring in zip(polygons, rings, strict=True):
+        foreign = self._grants.shapes().items()
+        bodies = {n: shapely.Polygon(body) for n, body in foreign if n not in self._shapes}
+        shapes: list[int] = []
+        cells: set[int] = set()
+        for ring in rings:
+            polygon = shapely.Polygon(ring)
             over = self._open.meeting(polygon)
             cells.update(over)
-            met = [n for n, body in bodies.items() if n not in ours and body.intersects(polygon)]
+            met = [n for n, body in bodies.items() if body.intersects(polygon)]
             shape = self._grants.add_shape(ring, (*over, *met))
             self._grants.promise(shape, owner, NEVER)
             shapes.append(shape)
-        ground = sorted(cells)
-        moves, turns = self._open.users(ground)
-        places = self._open.places_of(ground)
-        moves |= {m for m, end in enumerate(self._open.moves.end) if places >> end & 1}
-        for point in turns:
-            moves |= self._turning_on(point)
-        self._claims[id_] = Claim(
-            id=id_,
-            owner=owner,
-            shapes=tuple(shapes),
-            cells=frozenset(cells),
-            moves=frozenset(moves),
-            turns=frozenset(turns),
-            places=places,
-        )
+        closed = self._finder.over(cells)
+        self._claims[id_] = Claim(id=id_, owner=owner, shapes=tuple(shapes), closed=closed)
+        self._shapes.update(shapes)
         self._pending.add(id_)
         if owned:
             self._own(self._claims[id_])
@@ -121,6 +109,7 @@ class Claims:
                 self._grants.withdraw(shape, claim.owner, NEVER)
             else:
                 self._grants.release(shape, claim.owner)
+        self._shapes.difference_update(claim.shapes)
         self._pending.discard(id_)
         self._changed()
 
@@ -139,43 +128,35 @@ class Claims:
         for shape in claim.shapes:
             self._grants.fulfil(shape, claim.owner, NEVER)
         self._pending.discard(claim.id)
-
-    def _turning_on(self, point: int) -> set[int]:
-        """Moves with a turn in place on this point, between two of their paths."""
-        if self._inner_turns is None:
-            self._inner_turns = {}
-            net = self._open.net
-            for move, paths in enumerate(self._open.moves.paths):
-                for path, after in pairwise(paths):
-                    angle = net.traces.heading_end[path], net.traces.heading_start[after]
-                    if turn_rad(*angle):
-                        self._inner_turns.setdefault(net.end[path], set()).add(move)
-        return self._inner_turns.get(point, set())
+        self._summary = None
 
     def _changed(self) -> None:
-        """Find the dead ends anew: where a lane is reserved in its middle, there are two."""
         self._closures.clear()
         self._closed_costs.clear()
         self._in_way.clear()
-        self.roadmap = self._open
-        closed = self.closure(frozenset(self._claims))
-        if not closed.moves:
-            return
-        moves, net = self._open.moves, self._open.net
-        kept = [m for m in range(moves.count) if m not in closed.moves]
-        left = Moves(
-            start=[moves.start[m] for m in kept],
-            end=[moves.end[m] for m in kept],
-            paths=[],
-            need=[],
-        )
-        lengths = [sum(net.traces.length_m[path] for path in moves.paths[m]) for m in kept]
-        found, known = find(self._open.places, left, lengths), self._open.pockets
-        for place in range(len(self._open.places.point)):
-            if closed.places >> place & 1:  # its owner, and who leaves it, goes by the whole map
-                found.pocket[place], found.depth_m[place] = -1, known.depth_m[place]
-        self.roadmap = copy.copy(self._open)
-        self.roadmap.pockets = found
+        self._roadmap = None
+        self._heeded = False
+        self._summary = None
+
+    def _all(self) -> "Summary":
+        if self._summary is None:
+            pending = [self._claims[id_] for id_ in self._pending]
+            self._summary = Summary(
+                ids=frozenset(self._claims),
+                owners=frozenset(claim.owner for claim in self._claims.values()),
+                pending=together(claim.closed for claim in pending),
+                pending_shapes=frozenset(shape for claim in pending for shape in claim.shapes),
+            )
+        return self._summary
+
+    @property
+    def roadmap(self) -> Roadmap:
+        """The map with the dead ends that the claims make: a lane reserved in its middle is two.
+        Made when it is asked for, as claims come by the hundred.
+        """
+        if self._roadmap is None:
+            self._roadmap = self._finder.with_dead_ends(self.closure(self._all().ids))
+        return self._roadmap
 
     def ways_changed(self) -> None:
         """The costs of the open map are others now."""
@@ -188,15 +169,7 @@ class Claims:
         """Give what these claims close."""
         found = self._closures.get(ids)
         if found is None:
-            found = Closure()
-            for id_ in sorted(ids):
-                claim = self._claims[id_]
-                found = Closure(
-                    cells=found.cells | claim.cells,
-                    moves=found.moves | claim.moves,
-                    turns=found.turns | claim.turns,
-                    places=found.places | claim.places,
-                )
+            found = together(self._claims[id_].closed for id_ in ids)
             if len(self._closures) >= CLOSURES_MAX:
                 self._closures.clear()
             self._closures[ids] = found
@@ -204,22 +177,31 @@ class Claims:
 
     def barring(self, track: Track) -> Ids:
         """Claims that this robot must keep off: not its own, and not one that it has to leave."""
+        leaving = self._left_by(track)
+        if not leaving and track.name not in self._all().owners:
+            return self._all().ids
         return frozenset(
             claim.id
             for claim in self._claims.values()
-            if claim.owner != track.name
-            and not (claim.id in self._pending and self._stands_on(track, claim))
+            if claim.owner != track.name and claim.id not in leaving
         )
 
-    def _stands_on(self, track: Track, claim: Claim) -> bool:
-        if track.place is not None and claim.places >> track.place & 1:
-            return True
-        if track.promised or not track.driven:
-            return False
-        shapes = set(claim.shapes)
-        return any(
-            slot.cell in claim.cells or not shapes.isdisjoint(self._grants.excluded(slot.cell))
-            for slot in track.owned
+    def _left_by(self, track: Track) -> Ids:
+        """Pending claims on whose ground it rests."""
+        rests = track.driven and not track.promised
+        on = self._all().pending.holds(track.place)
+        if not self._pending or not (on or rests):
+            return NONE
+        cells: set[int] = set()
+        if rests:
+            cells.update(c for slot in track.owned for c in self._grants.excluded(slot.cell))
+        if not on and cells.isdisjoint(self._all().pending_shapes):
+            return NONE
+        claims = [self._claims[id_] for id_ in self._pending]
+        return frozenset(
+            claim.id
+            for claim in claims
+            if claim.closed.holds(track.place) or not cells.isdisjoint(claim.shapes)
         )
 
     def bars(self, track: Track, cells: Iterable[int]) -> bool:
@@ -254,13 +236,16 @@ class Claims:
 
     # -- what becomes of the robots
 
+    def heed(self, tracks: Iterable[Track]) -> None:
+        """Direct robots anew if claims have come or gone; they come by the hundred."""
+        if not self._heeded:
+            self.direct(tracks)
+
     def direct(self, tracks: Iterable[Track]) -> None:
         """Give every robot the map that is open to it, and note whose goal is not to be had."""
-        strangers = frozenset(self._claims)
-        owners = {claim.owner for claim in self._claims.values()}
+        self._heeded = True
         for track in tracks:
-            its_own = self._pending or track.name in owners
-            ids = self.barring(track) if its_own else strangers
+            ids = self.barring(track)
             track.costs = self._costs_of(track, ids)
             track.barred = ()
             if track.place is not None and track.goal is not None and ids:
@@ -300,7 +285,11 @@ class Claims:
             _, move = min(ways)
             turn = turn_rad(heading, self._open.heading_start[move])
             point = self._open.places.point[place]
-            found = {c.owner for c in barring if move in c.moves or (turn and point in c.turns)}
+            found = {
+                c.owner
+                for c in barring
+                if move in c.closed.moves or (turn and point in c.closed.turns)
+            }
             if found:
                 return tuple(sorted(found))
             place, heading = self._open.moves.end[move], self._open.heading_end[move]
@@ -314,15 +303,14 @@ class Claims:
             track.leaving = False
         if not self._pending:
             return
-        closed = self.closure(frozenset(self._claims)).places
+        closed = self.closure(self._all().ids).places
         wanted = (place for t in tracks for place in (t.place, t.goal, t.relocation))
         taken = {place for place in wanted if place is not None}
-        pending = [self._claims[id_] for id_ in sorted(self._pending)]
         for track in tracks:
             here = track.place
             if here is None or here == track.goal or track.name in fixed:
                 continue
-            if not any(c.owner != track.name and self._stands_on(track, c) for c in pending):
+            if not any(self._claims[c].owner != track.name for c in self._left_by(track)):
                 continue
             free = (
                 (cost, place)

@@ -175,13 +175,11 @@ class Traffic:
         """
         self._reserved.add(id_, owner, rings, owned=owned)
         self._dirty = self._freed = True
-        self._reserved.direct(self._tracks.values())
 
     def unclaim(self, id_: str) -> None:
         """Let robots go there again."""
         self._reserved.drop(id_)
         self._dirty = self._freed = True
-        self._reserved.direct(self._tracks.values())
 
     def claimed(self, id_: str) -> bool:
         """Is the ground free of robots, and will it stay so until it is given back."""
@@ -239,6 +237,7 @@ class Traffic:
 
     def cost_s(self, robot: RobotName, point: PointName) -> float:
         """Seconds of driving from where its committed moves end; infinite = no way."""
+        self._reserved.heed(self._tracks.values())
         track = self._tracks.get(robot)
         place = self.roadmap.place.get(point)
         if track is None or place is None or track.place is None:
@@ -247,6 +246,7 @@ class Traffic:
 
     def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
         """Owners whose reserved ground alone keeps the robot from there; empty = none does."""
+        self._reserved.heed(self._tracks.values())
         track = self._tracks.get(robot)
         place = self.roadmap.place.get(point)
         return () if track is None or place is None else self._reserved.in_way(track, place)

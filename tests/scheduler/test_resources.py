@@ -15,7 +15,7 @@ from ledger.proposals import GrantMapResources
 from ledger.scene import Path
 from ledger.state import MapUnit
 from scheduler.dispatch.reasons import Why
-from scheduler.resources import rings
+from scheduler.resources import Ground
 from tests.scheduler.small_shift import Shift
 from tests.scheduler.small_site import SCENE, added, area, carry, imported
 
@@ -149,7 +149,7 @@ def test_ground_is_0_05_m_around_points_and_paths() -> None:
         paths=("W5->W6", "gone->gone"),
         zones=(((8.0, 0.0), (9.0, 0.0), (9.0, 1.0)),),
     )
-    zone, point, path = rings(there, unit)
+    zone, point, path = Ground(there).rings(unit)
     assert shapely.Polygon(zone).area == pytest.approx(0.5)
     assert shapely.Polygon(point).bounds == pytest.approx((2.95, -0.05, 3.05, 0.05))
     assert shapely.Polygon(path).bounds == pytest.approx((4.95, -0.05, 6.05, 0.05))
@@ -159,7 +159,7 @@ def test_the_ground_of_a_bent_path_follows_it() -> None:
     bent = Path(start=PointName("W0"), end=PointName("W2"), controls=((0.0, 2.0), (2.0, 2.0)))
     there = msgspec.structs.replace(area(), paths=(bent,))
     unit = MapUnit(id=UnitId("u"), owner="WMS", area=1, paths=(PathKey("W0->W2"),))
-    (ring,) = rings(there, unit)
+    (ring,) = Ground(there).rings(unit)
     ground = shapely.Polygon(ring)
     for k in range(101):
         t = k / 100
