@@ -42,6 +42,7 @@ CODES = {
     "RobotNoMoreBin": "no free bin",
     "RobotTakenByOther": "took another order",
     "NoRoute": "no way there",
+    "GroundReserved": "ground on the way there is reserved for somebody else",
     "RobotBlocked": "has not moved for long",
     "RobotObstructed": "something is in its way",
     "RobotInTheWay": "stands in the way",
