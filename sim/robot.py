@@ -130,7 +130,6 @@ def drive(robot: SimRobot, message: Drive) -> None:
         return
     last = robot.legs[-1].piece if robot.legs else None
     number = max(robot.done.piece, last.number if last is not None else 0)
-    authority = message.authority
     for piece in message.pieces:
         if piece.number <= number:
             continue
@@ -139,14 +138,14 @@ def drive(robot: SimRobot, message: Drive) -> None:
             robot.alarms["RouteBroken"] = Alarm(
                 level=AlarmLevel.ERROR, code="RouteBroken", message=problem
             )
-            authority = robot.authority  # nobody would tell the missing pieces again otherwise
             break
         robot.alarms.pop("RouteBroken", None)
         leg = Leg(piece, robot.body.kinematics)
         leg.joined = bool(robot.legs) and joined(robot.legs[-1], leg)
         robot.legs.append(leg)
         number = piece.number
-    robot.authority = max(robot.authority, authority)
+    if message.authority.piece <= number:  # else pieces are missing, and must be told again
+        robot.authority = max(robot.authority, message.authority)
     look_ahead(robot)
     robot.changed = robot.awake = True
 

@@ -240,6 +240,7 @@ def test_pieces_that_were_lost_are_told_again_and_the_alarm_goes() -> None:
     robot = robot_at_origin()
     route = [straight(1, 0.0, 2.0), straight(2, 2.0, 4.0)]
     drive(robot, told(route[1:]))
+    drive(robot, Drive(robot=robot.body.name, session=robot.session, authority=Mark(piece=2)))
     assert robot.authority == Mark(), "it may not claim what it cannot drive: that is told once"
     drive(robot, told(route))
     run(robot)
