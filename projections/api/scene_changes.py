@@ -9,9 +9,9 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from ledger.ids import OrderId, RobotKey, SceneId
+from ledger.ids import OrderId, SceneId
 from ledger.scene import Scene
-from ledger.state import Order, Robot
+from ledger.state import Order
 from projections.api.m4_order_rows import (
     UNFINISHED_MAX,
     EncodedOrders,
@@ -21,7 +21,6 @@ from projections.api.m4_order_rows import (
 )
 from projections.api.m4_scene_query import FIELDS, Beside, Look, field_value, plans_of
 from projections.api.m4_scenes import scene_asked
-from projections.api.m4_seen import robots_of
 from projections.api.robot_changes import RobotChanges
 from projections.fields import Row
 from projections.live import Live
@@ -74,7 +73,6 @@ class SceneChanges:
         self._now_ms = now_ms
         self._robots = RobotChanges()
         self._orders: dict[OrderId, tuple[Order, str]] = {}
-        self._records: dict[OrderId, Order] = {}
         self._values: dict[str, Any] = {}  # of the other fields, as they were shown last
         self._wanted: frozenset[str] = frozenset()
         self._position = -1
@@ -95,28 +93,18 @@ class SceneChanges:
         moved = live.fleet.position != self._position or bool(new_fields)
         self._position, self._wanted = live.fleet.position, wanted
         found: Fragments = {}
-        robots = robots_of(live.fleet, scene) if moved else None
-        self._look_at_robots(scene, robots, wanted, found)
+        changes = self._robots.look(live, scene, moved=moved)
+        if changes and "robots" in wanted:
+            found["robots"] = msgspec.json.encode(changes)
         orders = tuple(unfinished(live.fleet, scene)) if moved else ()
         if moved:
             self._look_at_orders(orders, scene, wanted, found)
         stale = {"doors", "lifts"} | (OF_LEDGER if moved else frozenset())
-        stale |= OF_TRAFFIC if self._robots.plans_changed else frozenset()
+        stale |= OF_TRAFFIC if self._robots.plans_changed or new_fields else frozenset()
         fields = (wanted & stale) - {"robots", "orders", "ordersRecords"}
         if fields:
             self._look_at_values(fields, scene, orders, found)
         return found
-
-    def _look_at_robots(
-        self,
-        scene: Scene,
-        robots: dict[RobotKey, Robot] | None,
-        wanted: frozenset[str],
-        found: Fragments,
-    ) -> None:
-        changes = self._robots.look(self._live, scene, robots)
-        if changes and "robots" in wanted:
-            found["robots"] = msgspec.json.encode(changes)
 
     def _look_at_orders(
         self,
