@@ -6,7 +6,18 @@ from pathlib import Path
 
 import msgspec
 
-NAMES = ("append", "create", "read", "moments", "assign", "planner", "sim", "shift")
+NAMES = (
+    "append",
+    "create",
+    "calls",
+    "read",
+    "moments",
+    "assign",
+    "planner",
+    "sim",
+    "shift",
+    "stream",
+)
 RESULTS = Path(__file__).parent / "results"
 
 
