@@ -1,4 +1,4 @@
-"""What may still go to another robot, and how robots and orders are matched by setting."""
+"""Robots and orders are matched as settings, steps and key locations say."""
 
 import pytest
 
@@ -45,3 +45,15 @@ def test_orders_are_matched_by_the_method_that_is_set(
     situation.happen(carry(1, "B5", "B0"), carry(2, "B19", "B0"))
     found = assign(situation.view(), (), NOW_MS)
     assert {p.order[-1]: p.robot for p in found if isinstance(p, AssignOrder)} == pairs
+
+
+def test_an_order_without_steps_goes_to_who_is_nearest_to_its_first_key_location() -> None:
+    for locations, robot in ((("B19", "B0"), "B"), (("B0", "B19"), "A")):
+        situation = Situation()
+        situation.core.now_ms = NOW_MS
+        situation.robot("A", 0.0)
+        situation.robot("B", 15.0)
+        situation.happen(order(1, key_locations=locations, sealed=False))
+        (found,) = assign(situation.view(), (), NOW_MS)
+        assert isinstance(found, AssignOrder)
+        assert found.robot == robot
