@@ -29,6 +29,7 @@ format: .venv/dev
 
 docs: .venv/dev
 	$(BIN)/python -m fleetledger.documents
+	$(BIN)/python -m tests.conformance.page
 
 .venv/runtime: requirements/runtime.txt pyproject.toml
 	test -d .venv || $(PYTHON) -m venv .venv
