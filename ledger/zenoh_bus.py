@@ -74,15 +74,18 @@ class ZenohBus:
             self._kept.append(thing)
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Send to all who subscribe now; reports and plans may be lost under load, others wait."""
+        """Send to all who subscribe now; reports and plans may be lost under load, others wait.
+
+        Once closed it talks to nobody: a proposal may still be decided while the server ends, and
+        what it leads to must not look like a ledger that cannot be listened to.
+        """
         drop = key.endswith(LOSSY)
-        self._session.put(
-            _expression(key),
-            payload,
-            congestion_control=(
-                zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK
-            ),
-        )
+        how = zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK
+        try:
+            self._session.put(_expression(key), payload, congestion_control=how)
+        except zenoh.ZError:
+            if not self._closed:
+                raise
 
     def subscribe(self, key: str, handler: Handler) -> None:
         """Get every message under the key, on a zenoh thread."""

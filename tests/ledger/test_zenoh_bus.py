@@ -162,3 +162,10 @@ def test_a_question_waits_for_somebody_to_answer_it(core: ZenohBus, other: Zenoh
     core.respond("late", lambda question: [b"here"])
     assert answers.get(timeout=WAIT_S) == [b"here"]
     asking.join()
+
+
+def test_who_has_left_talks_to_nobody(endpoint: str) -> None:
+    bus = ZenohBus(endpoint)
+    bus.publish("fleet/events", b"[]")
+    bus.close()
+    bus.publish("fleet/events", b"[]")  # a decision may still be on its way to the disk
