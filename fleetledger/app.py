@@ -62,6 +62,7 @@ from projections.find import Find
 from projections.history import History
 from projections.live import Live
 from projections.reading import Reader
+from projections.shared import Shared
 from projections.story import Stories
 from replay.moment import Moments
 from replay.source import Source
@@ -284,6 +285,7 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
             lifts=lift_reports,
             map_resources=external_map_res,
         ),
+        Shared(lambda: core.live.position, asyncio.get_running_loop().time),
     )
     stories = Stories(core.history, core.live, core.ledger.read)
     source = Source(

@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from ledger.errors import Refused
 from ledger.ids import OrderId
-from projections.api.answers import answered, moment
+from projections.api.answers import ROBOTS_AGE_S_MAX, answered, moment, sharing
 from projections.api.m4_answers import OrderDetail
 from projections.api.m4_devices import device_routes
 from projections.api.m4_entities import entity_routes
@@ -26,7 +26,7 @@ from projections.find import At, Find
 def router(queries: SceneQueries, route_class: type[APIRoute]) -> APIRouter:
     """Give the routes. `request.state.user` must hold the caller's name."""
     made = APIRouter(route_class=route_class, tags=["m4"])
-    entity_routes(made, queries.find)
+    entity_routes(made, queries)
     _order_detail(made, queries.find)
     robot_routes(made, queries)
     scene_routes(made, queries)
@@ -71,4 +71,8 @@ def _scene_query(made: APIRouter, queries: SceneQueries) -> None:
         """Give all that moves in a scene, as `Fleet::Scene` does over WebSocket."""
         at_ms = moment(request, query, body)
         scene = request.path_params["sceneId"]
-        return answered(*await queries.answer(scene, body, at_ms, FIELDS))
+
+        async def fresh() -> Response:
+            return answered(*await queries.answer(scene, body, at_ms, FIELDS))
+
+        return await sharing(queries.shared, request, ROBOTS_AGE_S_MAX, fresh)

@@ -11,7 +11,14 @@ from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
 from ledger.errors import Refused
-from projections.api.answers import JSON, answered, moment, parsed
+from projections.api.answers import (
+    JSON,
+    ORDERS_AGE_S_MAX,
+    answered,
+    moment,
+    parsed,
+    sharing,
+)
 from projections.api.m4_answers import (
     FindCountResult,
     FindOneResult,
@@ -29,10 +36,12 @@ from projections.api.m4_models import (
     PageAsked,
     RowsAsked,
 )
+from projections.api.m4_scene_query import SceneQueries
 from projections.fields import SHOWN, Field, Row
 from projections.find import ROWS_MAX, SKIP_MAX, Asked, Find
 from projections.query import Asker, Condition, How, Test, field_named, parse
 from projections.reading import CHUNK_ROWS
+from projections.shared import Shared
 from projections.sorting import parse_sort
 
 ENTITIES = ("TransportOrder",)
@@ -41,14 +50,14 @@ BATCH_ROWS_MAX = 10_000  # of all answers of one batch together
 Body = TypeVar("Body", bound=Asking)
 
 
-def entity_routes(made: APIRouter, find: Find) -> None:
+def entity_routes(made: APIRouter, queries: SceneQueries) -> None:
     """Add the calls."""
-    _many(made, find)
-    _single(made, find)
-    _batch(made, find)
+    _many(made, queries.find, queries.shared)
+    _single(made, queries.find, queries.shared)
+    _batch(made, queries.find)
 
 
-def _many(made: APIRouter, find: Find) -> None:
+def _many(made: APIRouter, find: Find, shared: Shared | None) -> None:
     @made.post("/api/entity/find/many", response_model=list[TransportOrder])
     async def many(request: Request, query: Annotated[AsOf, Query()], body: ManyAsked) -> Response:
         """Give all orders that meet the query, as a bare array; without steps."""
@@ -60,23 +69,33 @@ def _many(made: APIRouter, find: Find) -> None:
                 position, chunks = await find.every(asked, skip, limit, at_ms)
                 headers = {"X-Ledger-Position": str(position)}
                 return StreamingResponse(_array(chunks), media_type=JSON, headers=headers)
-        else:
-            probe = await find.some(asked, skip, limit, at_ms)
-        return answered(probe.rows, probe.position)
+            return answered(probe.rows, probe.position)
+
+        async def fresh() -> Response:
+            found = await find.some(asked, skip, limit, at_ms)
+            return answered(found.rows, found.position)
+
+        return await sharing(shared, request, ORDERS_AGE_S_MAX, fresh)
 
     @made.post("/api/entity/find/page", response_model=FindPageResult)
     async def page(request: Request, query: Annotated[AsOf, Query()], body: PageAsked) -> Response:
         """Give one page of the orders that meet the query, and how many there are."""
-        answer, position = await _page(request, find, body, moment(request, query, body))
-        return answered(answer, position)
+
+        async def fresh() -> Response:
+            return answered(*await _page(request, find, body, moment(request, query, body)))
+
+        return await sharing(shared, request, ORDERS_AGE_S_MAX, fresh)
 
 
-def _single(made: APIRouter, find: Find) -> None:
+def _single(made: APIRouter, find: Find, shared: Shared | None) -> None:
     @made.post("/api/entity/find/one", response_model=FindOneResult)
     async def one(request: Request, query: Annotated[AsOf, Query()], body: OneAsked) -> Response:
         """Give the order with this id, or the first that meets the query; null if none does."""
-        answer, position = await _one(request, find, body, moment(request, query, body))
-        return answered(answer, position)
+
+        async def fresh() -> Response:
+            return answered(*await _one(request, find, body, moment(request, query, body)))
+
+        return await sharing(shared, request, ORDERS_AGE_S_MAX, fresh)
 
     @made.post("/api/entity/find/count", response_model=FindCountResult)
     async def count(
@@ -84,8 +103,13 @@ def _single(made: APIRouter, find: Find) -> None:
     ) -> Response:
         """Count the orders that meet the query."""
         asked = Asked(condition=_condition(request, body, find), fuzzy=body.fuzzy)
-        number, position = await find.count(asked, moment(request, query, body))
-        return answered({"count": number}, position)
+        at_ms = moment(request, query, body)
+
+        async def fresh() -> Response:
+            number, position = await find.count(asked, at_ms)
+            return answered({"count": number}, position)
+
+        return await sharing(shared, request, ORDERS_AGE_S_MAX, fresh)
 
 
 def _batch(made: APIRouter, find: Find) -> None:

@@ -11,7 +11,7 @@ from ledger.ids import robot_key
 from ledger.link import Report
 from ledger.scene import Scene
 from ledger.state import Fleet, Robot
-from projections.api.answers import answered, moment
+from projections.api.answers import ROBOTS_AGE_S_MAX, answered, moment, sharing
 from projections.api.m4_answers import RobotMapNameMd5, RobotPoint, UiRobotReport
 from projections.api.m4_models import AsOf, RobotAsked, RobotsAsked
 from projections.api.m4_robots import rounded, ui_report
@@ -41,11 +41,15 @@ def robot_routes(made: APIRouter, queries: SceneQueries) -> None:
     async def all_robots(request: Request, query: Annotated[RobotsAsked, Query()]) -> Response:
         """Give all robots of a scene but disabled ones, all of one moment, which `rTime` says."""
         at_ms = moment(request, query)
-        fleet = await find.fleet(at_ms)
-        scene = scene_asked(fleet, query.scene_id, query.scene_name)
-        robots = await queries.seen(fleet, scene, at_ms)
-        rows = {seen.robot.name: ui_report(seen, raw=query.raw_all) for seen in robots}
-        return answered(rows, fleet.position)
+
+        async def fresh() -> Response:
+            fleet = await find.fleet(at_ms)
+            scene = scene_asked(fleet, query.scene_id, query.scene_name)
+            robots = await queries.seen(fleet, scene, at_ms)
+            rows = {seen.robot.name: ui_report(seen, raw=query.raw_all) for seen in robots}
+            return answered(rows, fleet.position)
+
+        return await sharing(queries.shared, request, ROBOTS_AGE_S_MAX, fresh)
 
     @made.get("/api/fleet/robots/query-point", response_model=RobotPoint)
     async def point(request: Request, query: Annotated[RobotAsked, Query()]) -> Response:

@@ -37,6 +37,7 @@ from projections.api.m4_seen import robots_of, seen_now, seen_then
 from projections.fields import Row
 from projections.find import Find
 from projections.live import Live
+from projections.shared import Shared
 
 # the reply of the seed, and what newer clients find beside it (spec/protocols.md §1.5)
 SEED_FIELDS = (
@@ -91,10 +92,19 @@ class SceneQueries:
     """Answers scene queries, of now and of any moment."""
 
     def __init__(
-        self, find: Find, reports_at: ReportsAt, plans_at: PlansAt, beside: Beside
+        self,
+        find: Find,
+        reports_at: ReportsAt,
+        plans_at: PlansAt,
+        beside: Beside,
+        shared: Shared | None = None,
     ) -> None:
-        """Take the orders, what robots reported and traffic intended (slow), and the rest."""
+        """Take the orders, what robots reported and traffic intended (slow), and the rest.
+
+        With `shared`, who asks what others are asking gets their answer.
+        """
         self.find = find
+        self.shared = shared
         self.beside = beside
         self.encoded = EncodedOrders()
         self._reports_at = reports_at

@@ -29,6 +29,7 @@ from projections.api.wsm_frames import (
     Naming,
     content_of,
     encoded,
+    escaped,
     read,
     refusal,
     refusal_of,
@@ -170,16 +171,16 @@ class Client:
             log.exception("frame not answered", action=frame.action, reason=str(trouble))
             return refusal_of(frame, trouble)
 
-    async def _content(self, frame: Frame) -> bytes:
+    async def _content(self, frame: Frame) -> str:
         match frame.action:
-            case _ if frame.action in self._service.actions.known:
-                return await self._service.actions.known[frame.action](frame)
+            case action if action in self._service.actions.known:
+                return await self._service.actions.answer(frame)
             case action if action == SUBSCRIBE:
-                return self._subscribe(content_of(frame, StreamAsked))
+                return escaped(self._subscribe(content_of(frame, StreamAsked)))
             case action if action == UNSUBSCRIBE:
-                return self._unsubscribe(content_of(frame, ReportsAsked))
+                return escaped(self._unsubscribe(content_of(frame, ReportsAsked)))
             case action if action == RESYNC:
-                return self._resync(content_of(frame, ReportsAsked))
+                return escaped(self._resync(content_of(frame, ReportsAsked)))
         known = ", ".join([*self._service.actions.known, SUBSCRIBE, UNSUBSCRIBE, RESYNC])
         shown = frame.action[:100]
         raise Refused(

@@ -6,7 +6,7 @@ from typing import TypeAlias
 import msgspec
 
 from ledger.link import Plan
-from projections.api.answers import parsed
+from projections.api.answers import QUESTION_BYTES_MAX, ROBOTS_AGE_S_MAX, parsed
 from projections.api.m4 import detail_of
 from projections.api.m4_models import OrderAsked, ReportsAsked, SceneAsked
 from projections.api.m4_robots import (
@@ -20,7 +20,7 @@ from projections.api.m4_robots import (
 )
 from projections.api.m4_scene_query import FIELDS, SEED_FIELDS, SceneQueries
 from projections.api.m4_scenes import scene_asked
-from projections.api.wsm_frames import Frame, content_of
+from projections.api.wsm_frames import Frame, content_of, escaped
 from projections.fields import Row
 
 Answering: TypeAlias = Callable[[Frame], Awaitable[bytes]]  # gives the JSON of the content
@@ -40,6 +40,17 @@ class Actions:
             "Fleet3::AllRobotsUiReports::Query": self._reports,
             "Fleet3::RobotsPositionOnly::Query": self._positions,
         }
+
+    async def answer(self, frame: Frame) -> str:
+        """Give the content of the answer, escaped; alike questions of many are answered once."""
+
+        async def fresh() -> str:
+            return escaped(await self.known[frame.action](frame))
+
+        shared = self._queries.shared
+        if shared is None or len(frame.content) > QUESTION_BYTES_MAX:
+            return await fresh()
+        return await shared.give((frame.action, frame.content), ROBOTS_AGE_S_MAX, fresh)
 
     async def _order(self, frame: Frame) -> bytes:
         asked = content_of(frame, OrderAsked)

@@ -113,22 +113,22 @@ def reply_action(action: str, naming: Naming) -> str:
     return _OF_SEED.get(action, appended) if naming is Naming.SEED else appended
 
 
-def encoded(action: str, content: bytes, reply_to: str | int | None = None) -> str:
-    """Give the text of a frame from the JSON of its content."""
-    frame = {
-        "action": action,
-        "content": content.decode(),
-        "id": "",
-        "replyToId": reply_to,
-        "userIds": None,
-    }
-    return msgspec.json.encode(frame).decode()
+def escaped(content: bytes) -> str:
+    """Give the JSON of a content as frames hold it: as text, quotes and all."""
+    return msgspec.json.encode(content.decode()).decode()
+
+
+def encoded(action: str, content: str, reply_to: str | int | None = None) -> str:
+    """Give the text of a frame from its content, escaped."""
+    head = msgspec.json.encode(action).decode()
+    tail = msgspec.json.encode(reply_to).decode()
+    return f'{{"action":{head},"content":{content},"id":"","replyToId":{tail},"userIds":null}}'
 
 
 def refusal(frame: Frame, error: int, code: str, message: str, args: tuple[object, ...]) -> str:
     """Give the text of an error frame."""
     body = {"error": error, "code": code, "message": message, "args": [*map(_plain, args)]}
-    return encoded(f"{frame.action}{ERROR}", msgspec.json.encode(body), frame.id)
+    return encoded(f"{frame.action}{ERROR}", escaped(msgspec.json.encode(body)), frame.id)
 
 
 def _plain(argument: object) -> object:

@@ -15,7 +15,7 @@ import structlog
 from ledger.errors import Refused
 from ledger.ids import SceneId
 from projections.api.scene_changes import Fragments, SceneChanges
-from projections.api.wsm_frames import BAD_REQUEST, Frame, encoded, refusal
+from projections.api.wsm_frames import BAD_REQUEST, Frame, encoded, escaped, refusal
 
 TICK_S = 0.1
 SNAPSHOT_EVERY_TICKS = 10
@@ -136,7 +136,7 @@ class Channel:
             "position": position,
             "rTime": self._changes.instant_ms,
         } | {name: msgspec.Raw(part) for name, part in fragments.items()}
-        return encoded(action, msgspec.json.encode(content))
+        return encoded(action, escaped(msgspec.json.encode(content)))
 
     def close(self, trouble: Refused) -> None:
         """Tell all that there is nothing more to follow."""
