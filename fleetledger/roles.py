@@ -12,7 +12,7 @@ import structlog
 
 from fleetledger.clock import Clock
 from fleetledger.proposing import ProposalsAnswer
-from ledger.bus import PROPOSE_KEY, Bus, plans_key
+from ledger.bus import EVENTS_KEY, PROPOSE_KEY, Bus, plans_key
 from ledger.events import AnyEvent
 from ledger.feed import FeedFollower
 from ledger.ids import RobotName, SceneId
@@ -32,6 +32,8 @@ PERIOD_S = 0.1  # of scaled time between two passes …
 PERIOD_REAL_S_MIN = 0.02  # … but no more often than this, which bounds --speed in effect
 PROPOSE_S_MAX = 10.0  # a core that takes longer is gone, and so shall we be
 FOLLOW_S_MAX = 5.0
+# somebody waits for what comes of these: the next pass does not wait for its turn
+URGENT = (b'"type":"MapResourcesAsked"', b'"type":"RobotSoftStopped"')
 DEVICES_MAX = 10_000  # whose reports wait for the next pass
 
 
@@ -140,7 +142,19 @@ def _dropped(key: str, reason: str) -> None:
 def run_scheduler(bus: Bus, clock: Clock, cache: Path, stop: threading.Event) -> None:
     """Plan until told to stop."""
     role = SchedulerRole(bus, cache)
-    _paced(clock, stop, lambda: role.tick(clock.now_ms()))
+    hurry = threading.Event()
+
+    def heard(_: str, payload: bytes) -> None:
+        if any(kind in payload for kind in URGENT):
+            hurry.set()
+
+    def tick() -> None:
+        role.tick(clock.now_ms())
+        if role.scheduler.is_awaited:
+            hurry.set()
+
+    bus.subscribe(EVENTS_KEY, heard)
+    _paced(clock, stop, tick, hurry)
 
 
 def run_sim(bus: Bus, clock: Clock, saved: Path, seed: int, stop: threading.Event) -> None:
@@ -149,19 +163,28 @@ def run_sim(bus: Bus, clock: Clock, saved: Path, seed: int, stop: threading.Even
     role = SimRole(bus, FeedFollower(bus), world, memory=saved)
     role.start(clock.now_ms())
     try:
-        _paced(clock, stop, lambda: role.tick(clock.now_ms()))
+        _paced(clock, stop, lambda: role.tick(clock.now_ms()), threading.Event())
     finally:
         role.close()
 
 
-def _paced(clock: Clock, stop: threading.Event, tick: Callable[[], None]) -> None:
-    """Tick at an even pace; who is late skips, and never runs after lost time."""
+def _paced(
+    clock: Clock, stop: threading.Event, tick: Callable[[], None], hurry: threading.Event
+) -> None:
+    """Tick at an even pace; who is late skips, and never runs after lost time.
+
+    Who hurries it has the next tick at once, but for the least pause between two.
+    """
     period_s = max(clock.real_s(PERIOD_S), PERIOD_REAL_S_MIN)
     due = time.monotonic()
     while not stop.is_set():
+        hurry.clear()
         tick()
-        due = max(due + period_s, time.monotonic())
-        stop.wait(max(0.0, due - time.monotonic()))
+        ended = time.monotonic()
+        due = max(due + period_s, ended)
+        if hurry.wait(max(0.0, due - ended)):
+            stop.wait(max(0.0, ended + PERIOD_REAL_S_MIN - time.monotonic()))
+            due = time.monotonic()
 
 
 def stop_when_orphaned() -> threading.Event:

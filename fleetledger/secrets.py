@@ -30,6 +30,7 @@ class Secrets:
         """Read the file of a data folder; none is the same as an empty one."""
         self._path = data / FILE_NAME
         self._lock = threading.Lock()
+        self._asked: dict[str, str] = {}  # by all who wait for the lock
         self._secrets = self._read()
 
     def get(self, name: str) -> str | None:
@@ -41,14 +42,21 @@ class Secrets:
         self.put_all({name: value})
 
     def put_all(self, secrets: Mapping[str, str]) -> None:
-        """Keep several secrets, all of them or none; the disk is waited for once."""
+        """Keep several secrets, all of them or none; the disk is waited for once.
+
+        Whoever gets to write takes along what others ask for at the same time.
+        """
         for name, value in secrets.items():
             _check("name", name, NAME_CHARS_MAX)
             _check("value", value, VALUE_CHARS_MAX)
+        self._asked |= secrets
         with self._lock:
             if all(self._secrets.get(name) == value for name, value in secrets.items()):
                 return
-            changed = {**self._secrets, **secrets}
+            others, self._asked = self._asked, {}
+            changed = {**self._secrets, **others, **secrets}
+            if len(changed) > SECRETS_MAX:
+                changed = {**self._secrets, **secrets}
             if len(changed) > SECRETS_MAX:
                 words = f"There are {SECRETS_MAX} secrets already: remove some first."
                 raise Refused("errTooMany", words, SECRETS_MAX)

@@ -202,6 +202,11 @@ class Scheduler:
             self._act(scene, view)
             self._steer(scene, site, view)
 
+    @property
+    def is_awaited(self) -> bool:
+        """Whether somebody waits for ground to be granted: the sooner the next pass the better."""
+        return any(site.is_awaited for site in self._sites.values())
+
     def _open_sites(self) -> None:
         if self._opened == self._fleet.scenes.keys():
             return

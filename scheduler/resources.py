@@ -23,6 +23,11 @@ class Reservations:
         self._told: dict[UnitId, MapUnit] = {}
         self._pending: list[list[MapClaim]] = []  # applications that have not been granted
 
+    @property
+    def pending(self) -> bool:
+        """Whether an application has not been granted, as far as is known."""
+        return bool(self._pending)
+
     def follow(
         self,
         claims: Sequence[MapClaim],

@@ -244,6 +244,11 @@ class Site:
         traffic = self._traffic_of(robot)
         return () if traffic is None else traffic.reserved(robot, point)
 
+    @property
+    def is_awaited(self) -> bool:
+        """Whether a reservation has not been granted yet."""
+        return self._reservations.pending
+
     def reserve(
         self, fleet: Fleet, robots: Sequence[Robot], now_ms: int
     ) -> list[GrantMapResources]:
