@@ -7,6 +7,7 @@ repository, as the tests of conformance do.
 
 import asyncio
 import json
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -16,6 +17,8 @@ from urllib.parse import urlencode
 
 import msgspec
 from websockets.asyncio.client import connect
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as sync_connect
 
 from bench.load import Spread, spread, syncs_per_s
 from ledger.scene import ContainerType, SceneFile
@@ -29,6 +32,7 @@ SECONDS = 2.0
 REQUESTS = 640  # made ready for a call that changes something; a question is one, repeated
 ROBOTS = 100
 ORDERS = 300  # on their way all along
+FRAMES_A_SECOND = 40  # of one client: beyond 50 the server lets it wait
 LAST = ("orders-cancel-all", "external-map-res-release-all")
 ADDING = ("robots-create", "robots-update", "robots-remove")  # their robots stay: fewer of them
 ADDED = 96
@@ -37,9 +41,10 @@ ADDED = 96
 class Busy(Plant):
     """A plant whose robots drive: what the calls need waits behind their orders."""
 
-    def __init__(self, server: Server, file: SceneFile) -> None:
-        super().__init__(server, file)
+    def __init__(self, server: Server, file: SceneFile, socket: ClientConnection) -> None:
+        super().__init__(server, file, socket)
         self.made: list[str] = []
+        self.robots_before = set(self.robots)
 
     def order(self, **fields: Any) -> str:
         """Make an order that no robot has time for."""
@@ -47,9 +52,13 @@ class Busy(Plant):
         return self.made[-1]
 
     def tidy(self) -> None:
-        """Cancel the orders made for one call, so that the next one meets the same plant."""
+        """Cancel the orders and remove the robots of one call: the next meets the same plant."""
         self.server.post("/api/fleet/orders/cancel-batch", {"orderIds": self.made})
         self.made.clear()
+        there = self.server.get("/api/fleet/robots/all-all", sceneId=self.scene).keys()
+        added = sorted(there - self.robots_before)
+        path = f"/api/fleet/scenes/{self.scene}/robot/remove"
+        self.server.post(path, {"robotNames": added})
 
 
 def ready(plant: Plant, call: Call) -> list[dict[str, Any]]:
@@ -105,10 +114,17 @@ async def _websocket(url: str, run: Run, until: float) -> None:
             began = time.perf_counter()
             await socket.send(request.decode())
             reply = await socket.recv()
+            took_s = time.perf_counter() - began
             if "::Error" in str(reply)[:200]:
                 run.failed += 1
             else:
-                run.latencies.append(time.perf_counter() - began)
+                run.latencies.append(took_s)
+            await asyncio.sleep(max(0.0, 1 / FRAMES_A_SECOND - took_s))
+
+
+def socket_url(server: Server) -> str:
+    """Say where the WebSocket is."""
+    return f"{server.url.replace('http', 'ws')}/wsm"
 
 
 def measure(server: Server, call: Call, requests: list[dict[str, Any]]) -> Spread:
@@ -122,7 +138,7 @@ def measure(server: Server, call: Call, requests: list[dict[str, Any]]) -> Sprea
     async def everybody() -> float:
         began = time.perf_counter()
         until = began + SECONDS
-        url = f"{server.url.replace('http', 'ws')}/wsm"
+        url = socket_url(server)
         if call.method == "WS":
             await asyncio.gather(*(_websocket(url, run, until) for _ in range(CONNECTIONS)))
         else:
@@ -134,14 +150,17 @@ def measure(server: Server, call: Call, requests: list[dict[str, Any]]) -> Sprea
 
 def main() -> list[dict[str, float | str]]:
     """Measure all of them, the two that clear everything at the end."""
-    calls = sorted(catalogue().calls, key=lambda call: (call.id in LAST, call.id))
+    wanted = sys.argv[1:] or [call.id for call in catalogue().calls]
+    calls = [call for call in catalogue().calls if call.id in wanted]
+    calls.sort(key=lambda call: (call.id in LAST, call.id))
     rows: list[dict[str, float | str]] = []
     folder = Path(tempfile.mkdtemp(prefix="fleetledger-bench-"))
-    with serving(folder / "data", "--auth", "none", "--simulate") as server:
+    options = ("--auth", "none", "--simulate")
+    with serving(folder / "data", *options) as server, sync_connect(socket_url(server)) as socket:
         pallet = (ContainerType(name="pallet"),)
         file = msgspec.structs.replace(for_robots(ROBOTS, 1), container_types=pallet)
         server.post("/api/fleet/scenes/import", msgspec.to_builtins(file))
-        plant = Busy(server, file)
+        plant = Busy(server, file, socket)
         drive(plant)
         for call in calls:
             requests = ready(plant, call)
@@ -156,8 +175,8 @@ def main() -> list[dict[str, float | str]]:
                     "failed": float(figures.failed),
                 }
             )
-            print(", ".join(f"{k} {v:,.1f}" if isinstance(v, float) else v
-                            for k, v in rows[-1].items()), flush=True)  # fmt: skip
+            words = (f"{k} {v:,.1f}" if isinstance(v, float) else v for k, v in rows[-1].items())
+            print(", ".join(words), flush=True)
     print(f"control: {syncs_per_s(folder, 1.0):,.0f} fdatasync/s")
     return rows
 

@@ -125,9 +125,9 @@ class Core:
             write = partial(self._snapshotter.save, self.live.fleet.copy())
             self._snapshot = self._loop.create_task(asyncio.to_thread(write))
 
-    def keep_gateway_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
+    async def keep_gateway_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
         """Keep what robots' gateways ask for; on disk when this returns."""
-        self.secrets.put_all({f"gateway/{scene}/{name}": s for name, s in secrets.items()})
+        await self.secrets.keep({f"gateway/{scene}/{name}": s for name, s in secrets.items()})
 
     def logs_messages_of(self, scene: SceneId) -> bool:
         """Tell whether what robots of a scene say is to be kept; called on the event loop."""

@@ -4,6 +4,7 @@ They are not in the ledger, which may be copied and exported. Passwords and keys
 elsewhere (`fleetledger/access/`): of those only hashes are kept.
 """
 
+import asyncio
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,7 +31,8 @@ class Secrets:
         """Read the file of a data folder; none is the same as an empty one."""
         self._path = data / FILE_NAME
         self._lock = threading.Lock()
-        self._asked: dict[str, str] = {}  # by all who wait for the lock
+        self._writing = asyncio.Lock()  # of those who wait on the event loop
+        self._asked: dict[str, str] = {}  # by all who wait for either lock
         self._secrets = self._read()
 
     def get(self, name: str) -> str | None:
@@ -46,9 +48,7 @@ class Secrets:
 
         Whoever gets to write takes along what others ask for at the same time.
         """
-        for name, value in secrets.items():
-            _check("name", name, NAME_CHARS_MAX)
-            _check("value", value, VALUE_CHARS_MAX)
+        _check_all(secrets)
         self._asked |= secrets
         with self._lock:
             if all(self._secrets.get(name) == value for name, value in secrets.items()):
@@ -61,6 +61,13 @@ class Secrets:
                 words = f"There are {SECRETS_MAX} secrets already: remove some first."
                 raise Refused("errTooMany", words, SECRETS_MAX)
             self._write(changed)
+
+    async def keep(self, secrets: Mapping[str, str]) -> None:
+        """Do the same on a thread; one at a time, which takes along what comes meanwhile."""
+        _check_all(secrets)
+        self._asked |= secrets
+        async with self._writing:
+            await asyncio.to_thread(self.put_all, secrets)
 
     def remove(self, name: str) -> None:
         """Forget a secret; one that is not there is nothing to do."""
@@ -82,6 +89,12 @@ class Secrets:
         except msgspec.DecodeError as trouble:
             words = f"{self._path} is damaged ({trouble}): restore it from a backup, or remove it."
             raise Refused("errSecretsDamaged", words, str(self._path)) from trouble
+
+
+def _check_all(secrets: Mapping[str, str]) -> None:
+    for name, value in secrets.items():
+        _check("name", name, NAME_CHARS_MAX)
+        _check("value", value, VALUE_CHARS_MAX)
 
 
 def _check(what: str, text: str, most: int) -> None:

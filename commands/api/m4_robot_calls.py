@@ -1,7 +1,6 @@
 """The M4 calls that set robots up (spec/m4.md §4), and one of ours that clears their bins."""
 
-import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import TypeAlias
 
 from fastapi import APIRouter
@@ -34,7 +33,8 @@ from ledger.events import RobotAdded, RobotReconfigured
 from ledger.ids import RobotName, SceneId
 
 # keeps gateway secrets of a scene's robots; on disk when it returns, which takes its time
-KeepSecrets: TypeAlias = Callable[[SceneId, Mapping[RobotName, str]], None]
+# returns when they are on disk
+KeepSecrets: TypeAlias = Callable[[SceneId, Mapping[RobotName, str]], Awaitable[None]]
 
 OF_SCENE = "/api/fleet/scenes/{sceneId}/robot"
 OF_ROBOTS = "/api/fleet/robots"
@@ -115,7 +115,7 @@ class RobotCalls:
             if isinstance(given, str) or name in given
         }
         if kept:
-            await asyncio.to_thread(self._keep_secrets, command.scene, kept)
+            await self._keep_secrets(command.scene, kept)
 
     async def create_auto_batch(self, request: Request, body: CreateRobotBatchReq) -> Response:
         """Add a number of robots alike; a name that is taken refuses the whole call."""

@@ -62,7 +62,7 @@ class Site:
         self.watch: Watch = _in_vain  # how it ends that somebody waits for ground
         self.app.include_router(commands.api.scenes.router(self.handler, self.durable, ThinRoute))
 
-    def keep_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
+    async def keep_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
         self.secrets |= {(scene, robot): secret for robot, secret in secrets.items()}
 
     async def durable(self, position: int) -> None:
