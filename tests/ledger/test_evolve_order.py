@@ -173,8 +173,13 @@ def test_an_order_that_is_taken_away_begins_anew_with_what_is_not_done() -> None
         (9, of(OrderAssigned, robot=R2, bin=1, cost_s=1.0)),
         (10, of(OrderWithdrawn, robot=R2, reason="r")),
     )
-    order = last(*happened, *again)
-    assert order.former_robots == (R1, R2)
+    assert last(*happened, *again).former_robots == (R1, R2)
+    at_last = (
+        (12, of(OrderAssigned, robot=R2, bin=0, cost_s=1.0)),
+        (20, of(StepStarted, step=0, robot=R2)),
+    )
+    order = last(*happened, *again, *at_last)
+    assert (order.robot, order.assigned_ms) == (R2, 12_000)
     assert order.waited_ms == 3_000, "the first time that somebody set out for it"
 
 
