@@ -1,11 +1,19 @@
 """The table of conformance is fresh and full, and names tests that exist and look at the field."""
 
 from fnmatch import fnmatchcase
-from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import pytest
 
+from tests.conformance import (
+    test_ground_asked,
+    test_order_meanings,
+    test_orders_asked,
+    test_robot_meanings,
+    test_robots_asked,
+    test_scene_meanings,
+)
 from tests.conformance.catalogue import there
 from tests.conformance.conftest import MISSING
 from tests.conformance.meaning import MEANING, held_by, pattern_of
@@ -23,6 +31,17 @@ SEEN_ALL_THE_SAME = (
     "SceneConfig.chargingConfig",  # in which the level is found
     "SceneChargingConfig.*",
 )
+WITH_LINES: dict[str, ModuleType] = {
+    f"{module.__name__.replace('.', '/')}.py": module
+    for module in (
+        test_ground_asked,
+        test_order_meanings,
+        test_orders_asked,
+        test_robot_meanings,
+        test_robots_asked,
+        test_scene_meanings,
+    )
+}
 _wants_catalogue = pytest.mark.skipif(not there(), reason=MISSING)
 
 
@@ -50,10 +69,9 @@ def test_every_pattern_holds_something() -> None:
 def lines_of(test: str) -> set[str] | None:
     """Give the fields that a test of this folder has a line for; None if it has no such table."""
     path, _, function = test.partition("::")
-    if not path.startswith("tests/conformance/"):
+    if path not in WITH_LINES:
         return None
-    module = import_module(path.removesuffix(".py").replace("/", "."))
-    for mark in getattr(getattr(module, function), "pytestmark", ()):
+    for mark in getattr(getattr(WITH_LINES[path], function), "pytestmark", ()):
         if mark.name != "parametrize":
             continue
         keys: Any = mark.args[0]
