@@ -11,7 +11,7 @@ from ledger.scene_config import DISPATCH_SORT_FIELDS, SceneConfig
 LONG_MAX = 10**12  # of waits: more than thirty years of milliseconds
 INT_MAX = 2**31 - 1
 COST_S_MAX = 1e9
-DISTANCE_M_MAX = 10_000.0
+DISTANCE_M_MAX = 2.0  # beyond it a robot would count as on points that are not its own
 SORT_FIELDS_MAX = 50
 SELECTION_CHARS_MAX = 2_000
 

@@ -10,7 +10,7 @@ import structlog
 
 from ledger.bus import Bus
 from ledger.ids import SceneId
-from ledger.link import DoorReport, DoorState, LiftReport, Plan, Report
+from ledger.link import DoorReport, DoorState, LiftReport, Plan, Report, implausible
 
 log = structlog.get_logger()
 
@@ -128,6 +128,9 @@ class Intake:
             try:
                 if is_report:
                     report = _report.decode(payload)
+                    if (what := implausible(report)) is not None:
+                        log.warning("report dropped", robot=report.robot, reason=what)
+                        continue
                     self._observe(report)
                     if self._logged(report.scene):
                         self._reports[f"{report.scene}/{report.robot}"] = report

@@ -187,6 +187,24 @@ class Report(Value, frozen=True, kw_only=True):
     route: tuple[Piece, ...] | None = None  # outstanding pieces, only when asked by TellRoute
 
 
+PLACE_M_MAX, ANGLE_RAD_MAX, RATE_MAX = 1e6, 1e3, 1e3  # of what a robot can mean
+
+
+def implausible(report: Report) -> str | None:
+    """Name what no robot can mean by its report, however well the message is formed; or None."""
+    bounds = (
+        ("x_m", report.x_m, PLACE_M_MAX),
+        ("y_m", report.y_m, PLACE_M_MAX),
+        ("heading_rad", report.heading_rad, ANGLE_RAD_MAX),
+        ("speed_mps", report.speed_mps, RATE_MAX),
+        ("turn_radps", report.turn_radps, RATE_MAX),
+    )
+    for name, value, most in bounds:
+        if not -most <= value <= most:
+            return f"{name} {value} is not within {most:g}"
+    return None
+
+
 class Space(Value, frozen=True, kw_only=True):
     """Ground that a robot holds: a polygon in the scene's frame."""
 

@@ -6,7 +6,7 @@ import msgspec
 
 from ledger.bus import Bus, tell_key
 from ledger.ids import RobotName, SceneId
-from ledger.link import Report, ToRobot
+from ledger.link import Report, ToRobot, implausible
 
 REPORTS = "scenes/*/robots/*/report"
 TOKENS = "scenes/*/robots/*/alive"
@@ -59,8 +59,10 @@ def robot_of(key: str) -> tuple[SceneId, RobotName]:
 
 
 def read_report(key: str, payload: bytes) -> Report:
-    """Decode a report; raises ValueError if it is none, or another robot's than the key says."""
+    """Decode a report; raises ValueError if it is none, implausible, or another robot's."""
     report = _reports.decode(payload)  # msgspec.ValidationError is a ValueError
     if (report.scene, report.robot) != robot_of(key):
         raise ValueError(f"report of {report.scene}/{report.robot} came under {key}")
+    if (what := implausible(report)) is not None:
+        raise ValueError(what)
     return report

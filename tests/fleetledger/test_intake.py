@@ -50,3 +50,18 @@ async def test_a_scene_may_keep_the_messages_of_its_robots_out_of_the_log() -> N
     assert len(shown) == 4
     assert [r.scene for r in paper.reports] == [KEPT]
     assert [p.scene for p in paper.plans] == [KEPT]
+
+
+async def test_a_report_that_no_robot_can_mean_is_not_shown() -> None:
+    bus = MemoryBus()
+    shown: list[Report | Plan] = []
+    loop = asyncio.get_running_loop()
+    Intake(bus, loop, Paper(), shown.append, shown.append, lambda s: True)
+    report = Report(
+        scene=KEPT, robot=NAME, number=1, at_ms=1, area=1, x_m=0, y_m=0, heading_rad=1e308
+    )
+    bus.publish(report_key(KEPT, NAME), msgspec.json.encode(report))
+    good = msgspec.structs.replace(report, heading_rad=1.0)
+    bus.publish(report_key(KEPT, NAME), msgspec.json.encode(good))
+    await asyncio.sleep(0)  # the loop's turn, not time
+    assert shown == [good]

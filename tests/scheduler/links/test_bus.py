@@ -56,3 +56,13 @@ def test_reports_and_tokens_come_through_and_nonsense_is_named() -> None:
     bus.publish(report_key(SCENE, NAME), msgspec.json.encode(a_report("B")))
     bus.publish(report_key(SCENE, NAME), b"\xff")
     assert [key for key, _ in heard] == [report_key(SCENE, NAME)] * 3  # type: ignore[misc]
+
+
+def test_what_no_robot_can_mean_is_nonsense() -> None:
+    bus = MemoryBus()
+    heard: list[object] = []
+    BusLink(bus).hear(heard.append, lambda *token: None, lambda key, why: heard.append(why))
+    for strange in ({"heading_rad": 1e308}, {"x_m": -1e9}, {"speed_mps": 1e12}):
+        report = msgspec.structs.replace(a_report(), **strange)
+        bus.publish(report_key(SCENE, NAME), msgspec.json.encode(report))
+    assert [str(why).split()[0] for why in heard] == ["heading_rad", "x_m", "speed_mps"]
