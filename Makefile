@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check bench soak format docs clean
+.PHONY: demo test lint check bench soak format docs clean
 
 demo: .venv/runtime
 	$(BIN)/fleetledger demo
@@ -10,12 +10,13 @@ demo: .venv/runtime
 test: .venv/dev
 	$(BIN)/pytest -m "not soak"
 
-check: .venv/dev
+lint: .venv/dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -m "not soak"
+
+check: lint test
 
 bench: .venv/dev
 	$(BIN)/python -m bench
