@@ -54,7 +54,11 @@ def test_another_content_has_another_digest() -> None:
     [
         (change(SCENE, name=" "), "name"),
         (change(SCENE, areas=()), "areas"),
-        (change(SCENE, areas=(AREA, change(AREA, id=1))), "areas[].points: name 'A' is there"),
+        (change(SCENE, areas=(AREA, change(AREA, id=1))), "areas: name 'Floor' is there twice"),
+        (
+            change(SCENE, areas=(AREA, change(AREA, id=1, name="Upstairs"))),
+            "areas[].points: name 'A' is there",
+        ),
         (with_area(points=()), "areas[0].points"),
         (with_area(points=(*AREA.points, AREA.points[0])), "name 'A' is there twice"),
         (with_area(points=(Point(name=A, x_m=1e9, y_m=0.0),)), "areas[0].points[0]"),
