@@ -29,6 +29,7 @@ from sim.world import World
 log = structlog.get_logger()
 
 PERIOD_S = 0.1  # of scaled time between two passes …
+HURRIED_S_MIN = 0.005  # between two passes while somebody waits
 PERIOD_REAL_S_MIN = 0.02  # … but no more often than this, which bounds --speed in effect
 PROPOSE_S_MAX = 10.0  # a core that takes longer is gone, and so shall we be
 FOLLOW_S_MAX = 5.0
@@ -183,7 +184,7 @@ def _paced(
         ended = time.monotonic()
         due = max(due + period_s, ended)
         if hurry.wait(max(0.0, due - ended)):
-            stop.wait(max(0.0, ended + PERIOD_REAL_S_MIN - time.monotonic()))
+            stop.wait(max(0.0, ended + HURRIED_S_MIN - time.monotonic()))
             due = time.monotonic()
 
 

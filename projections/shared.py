@@ -40,7 +40,13 @@ class Shared:
         It is made in a task of its own, so that who asked first may leave.
         """
         kept = self._kept.get(question)
-        if kept is None or not self._holds(kept, age_s_max):
+        while kept is not None and not self._holds(kept, age_s_max):
+            if kept.answer.done():
+                kept = None
+            else:  # too old for us already; two at a time would only slow each other down
+                await asyncio.wait({kept.answer})
+                kept = self._kept.get(question)
+        if kept is None:
             made = asyncio.ensure_future(_coroutine(make))
             kept = _Kept(position=self._position(), begun_s=self._now_s(), answer=made)
             self._kept[question] = kept

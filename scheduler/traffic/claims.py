@@ -298,19 +298,27 @@ class Claims:
     def send_out(self, tracks: Sequence[Track], fixed: Set[RobotName]) -> None:
         """Send robots that rest on pending ground to a free stop off it, whatever else they want:
         somebody waits for the ground. Who is about to work where it stands may first do that.
+
+        A robot keeps to the stop that it was sent to, for as long as that is free: from stop to
+        stop the nearest one changes, and one was seen to drive to and fro on the ground for ever.
         """
         for track in tracks:
             track.leaving = False
         if not self._pending:
+            for track in tracks:
+                track.exit = None
             return
         closed = self.closure(self._all().ids).places
         wanted = (place for t in tracks for place in (t.place, t.goal, t.relocation))
         taken = {place for place in wanted if place is not None}
         for track in tracks:
-            here = track.place
+            here, exit_, track.exit = track.place, track.exit, None
             if here is None or here == track.goal or track.name in fixed:
                 continue
             if not any(self._claims[c].owner != track.name for c in self._left_by(track)):
+                continue
+            if exit_ is not None and self._still_leads_out(track, exit_, closed, tracks):
+                track.leaving, track.relocation, track.exit = True, exit_, exit_
                 continue
             free = (
                 (cost, place)
@@ -321,8 +329,19 @@ class Claims:
             )
             near = [(self._price(track, *stop), stop[1]) for stop in nsmallest(NEAR_MAX, free)]
             if near:
-                track.leaving, track.relocation = True, min(near)[1]
-                taken.add(min(near)[1])
+                found = min(near)[1]
+                track.leaving, track.relocation, track.exit = True, found, found
+                taken.add(found)
+
+    def _still_leads_out(
+        self, track: Track, place: int, closed: int, tracks: Sequence[Track]
+    ) -> bool:
+        if closed >> place & 1 or track.place is None:
+            return False
+        if track.costs.cost_s(track.place, track.heading_rad, place) == INFINITE:
+            return False
+        others = (other for other in tracks if other is not track)
+        return all(place not in (o.place, o.goal, o.relocation) for o in others)
 
     def _price(self, track: Track, cost_s: float, place: int) -> tuple[bool, float]:
         """Dead ends last; and rather on its way than back."""

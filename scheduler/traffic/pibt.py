@@ -41,6 +41,7 @@ class Agent(msgspec.Struct, kw_only=True):
     goal: int | None = None
     fixed: bool = False  # working, lost, or rolling to its goal: neither moves nor is pushed
     impatience_s: float = 0.0
+    leaving: bool = False  # ground that somebody waits for: all around it may be dead ends
 
 
 class World(msgspec.Struct, kw_only=True):
@@ -257,7 +258,9 @@ class _Planner:
                 end = self.roadmap.moves.end[move]
                 value += OCCUPIED_S if taken >> end & 1 else 0.0
                 strange = pocket[end] not in (-1, pocket[agent.place], pocket[goal])
-                found.append((value + POCKET_S if strange else value, (move,)))
+                # a lane reserved in its middle is two dead ends, and one of them is the way out
+                away = strange and not agent.leaving
+                found.append((value + POCKET_S if away else value, (move,)))
         if agent.place == goal:
             found.append((0.0, None))
             if self.roadmap.final_turn_rad(goal, agent.heading_rad) and agent.costs.can_turn(goal):

@@ -70,6 +70,7 @@ class Track(msgspec.Struct, kw_only=True):
     best_ms: int = 0
     arrived_ms: int | None = None
     relocation: int | None = None  # place to make way to
+    exit: int | None = None  # place that it leaves reserved ground for, until it is off it
     leaving: bool = False  # it rests on ground that somebody waits for
     barred: tuple[str, ...] = ()  # owners of reserved ground, or doors, that keep it from its goal
     commit: int = 0

@@ -91,6 +91,7 @@ def agents(
             costs=track.costs,
             goal=goal,
             fixed=track.name in fixed or _keeps_place(track, now_ms),
+            leaving=track.leaving,
         )
         standing = _class(roadmap, track, agent, known, held)
         if standing in (LEAVING, BOUND) and goal is not None:

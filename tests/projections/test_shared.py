@@ -38,6 +38,21 @@ async def test_who_asks_while_an_answer_is_made_waits_for_it() -> None:
     assert await place.ask("other") == 2
 
 
+async def test_who_needs_a_newer_answer_waits_for_the_one_that_is_made_and_then_shares_one() -> (
+    None
+):
+    place = Place()
+    place.gate.clear()
+    first = asyncio.create_task(place.ask())
+    await asyncio.sleep(0)
+    place.position = 2
+    later = [asyncio.create_task(place.ask()) for _ in range(3)]
+    await asyncio.sleep(0)
+    place.gate.set()
+    assert await first == 1
+    assert await asyncio.gather(*later) == [2, 2, 2]
+
+
 async def test_an_answer_is_given_again_only_while_it_is_young_and_nothing_has_happened() -> None:
     place = Place()
     assert [await place.ask(), await place.ask()] == [1, 1]
