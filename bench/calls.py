@@ -10,7 +10,6 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
@@ -20,7 +19,7 @@ from websockets.asyncio.client import connect
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as sync_connect
 
-from bench.load import Spread, spread, syncs_per_s
+from bench.load import Run, Spread, http_client, spread, syncs_per_s
 from ledger.scene import ContainerType, SceneFile
 from sim.warehouses import for_robots
 from tests.conformance.catalogue import Call, catalogue
@@ -79,35 +78,6 @@ def encoded(call: Call, request: dict[str, Any]) -> bytes:
     return (head + f"content-length: {len(body)}\r\n\r\n").encode() + body
 
 
-class Run:
-    """What one call's clients share."""
-
-    def __init__(self, requests: list[bytes]) -> None:
-        self.latencies: list[float] = []
-        self.failed = 0
-        self._requests = requests
-        self._next: Iterator[bytes] = iter(requests)
-
-    def take(self) -> bytes | None:
-        """Give the next request; the only one again and again, of several each once."""
-        return self._requests[0] if len(self._requests) == 1 else next(self._next, None)
-
-
-async def _http(port: int, run: Run, until: float) -> None:
-    reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    while time.perf_counter() < until and (request := run.take()) is not None:
-        began = time.perf_counter()
-        writer.write(request)
-        head = await reader.readuntil(b"\r\n\r\n")
-        length = int(head.lower().split(b"content-length: ")[1].split(b"\r\n")[0])
-        await reader.readexactly(length)
-        if head.startswith(b"HTTP/1.1 200"):
-            run.latencies.append(time.perf_counter() - began)
-        else:
-            run.failed += 1
-    writer.close()
-
-
 async def _websocket(url: str, run: Run, until: float) -> None:
     async with connect(url, max_size=None, compression=None) as socket:
         while time.perf_counter() < until and (request := run.take()) is not None:
@@ -115,10 +85,7 @@ async def _websocket(url: str, run: Run, until: float) -> None:
             await socket.send(request.decode())
             reply = await socket.recv()
             took_s = time.perf_counter() - began
-            if "::Error" in str(reply)[:200]:
-                run.failed += 1
-            else:
-                run.latencies.append(took_s)
+            run.note(began, good="::Error" not in str(reply)[:200])
             await asyncio.sleep(max(0.0, 1 / FRAMES_A_SECOND - took_s))
 
 
@@ -142,7 +109,9 @@ def measure(server: Server, call: Call, requests: list[dict[str, Any]]) -> Sprea
         if call.method == "WS":
             await asyncio.gather(*(_websocket(url, run, until) for _ in range(CONNECTIONS)))
         else:
-            await asyncio.gather(*(_http(server.port, run, until) for _ in range(CONNECTIONS)))
+            await asyncio.gather(
+                *(http_client(server.port, run, until) for _ in range(CONNECTIONS))
+            )
         return time.perf_counter() - began
 
     return spread(run.latencies, asyncio.run(everybody()), run.failed)

@@ -3,7 +3,7 @@
 import asyncio
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -35,22 +35,40 @@ def spread(latencies_s: list[float], took_s: float, failed: int) -> Spread:
     )
 
 
-async def _client(
-    port: int, request: bytes, until: float, latencies: list[float], failed: list[int]
-) -> None:
+class Run:
+    """What the clients of one measurement share: requests to send, and how they were answered."""
+
+    def __init__(self, requests: list[bytes]) -> None:
+        """Take one request, to be sent again and again, or several, to be sent once each."""
+        self.latencies: list[float] = []
+        self.failed = 0
+        self._requests = requests
+        self._next: Iterator[bytes] = iter(requests)
+
+    def take(self) -> bytes | None:
+        """Give the next request; None where all have been sent."""
+        return self._requests[0] if len(self._requests) == 1 else next(self._next, None)
+
+    def note(self, began: float, *, good: bool) -> None:
+        """Note an answer."""
+        if good:
+            self.latencies.append(time.perf_counter() - began)
+        else:
+            self.failed += 1
+
+
+async def http_client(port: int, run: Run, until: float) -> None:
+    """Send requests one after the other over one connection."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     try:
-        while time.perf_counter() < until:
+        while time.perf_counter() < until and (request := run.take()) is not None:
             began = time.perf_counter()
             writer.write(request)
             head = await reader.readuntil(b"\r\n\r\n")
             length = int(head.lower().split(b"content-length: ")[1].split(b"\r\n")[0])
             if length:
                 await reader.readexactly(length)
-            if head.startswith(b"HTTP/1.1 200"):
-                latencies.append(time.perf_counter() - began)
-            else:
-                failed[0] += 1
+            run.note(began, good=head.startswith(b"HTTP/1.1 200"))
     finally:
         writer.close()
 
@@ -64,17 +82,15 @@ def post(path: str, body: object) -> bytes:
 
 def load(port: int, request: bytes, connections: int, seconds: float) -> Spread:
     """Send one request again and again over so many connections."""
-    latencies: list[float] = []
-    failed = [0]
+    run = Run([request])
 
     async def all_clients() -> float:
         began = time.perf_counter()
         until = began + seconds
-        clients = (_client(port, request, until, latencies, failed) for _ in range(connections))
-        await asyncio.gather(*clients)
+        await asyncio.gather(*(http_client(port, run, until) for _ in range(connections)))
         return time.perf_counter() - began
 
-    return spread(latencies, asyncio.run(all_clients()), failed[0])
+    return spread(run.latencies, asyncio.run(all_clients()), run.failed)
 
 
 def syncs_per_s(folder: Path, seconds: float) -> float:

@@ -75,7 +75,7 @@ class Feeder:
             self._bus.publish(plans_key(self._scene), msgspec.json.encode(plans))
             tick += 1
             due += 1 / HZ
-            time.sleep(max(0.0, due - time.monotonic()))
+            time.sleep(max(0.0, due - time.monotonic()))  # robots report at a pace
         self._bus.close()
 
     def _report(self, n: int, name: RobotName, tick: int, at_ms: int) -> Report:
@@ -115,8 +115,7 @@ class Feeder:
 
 def _feeding(endpoint: str, scene: SceneId, clock: tuple[int, float], stop: Any) -> None:
     feeder = Feeder(endpoint, scene, clock)
-    time.sleep(1.0)  # for the session to come up
-    feeder.connect()
+    feeder.connect()  # waits for the core to answer
     feeder.feed(stop)
 
 
@@ -193,7 +192,7 @@ def _orders(port: int, scene: str, stop: Any) -> None:
     while not stop.is_set():
         with suppress(OSError):  # the server is busy
             _post(port, "/api/fleet/orders/create", body)
-        time.sleep(1 / ORDERS_PER_S)
+        time.sleep(1 / ORDERS_PER_S)  # the load that is measured against has a pace
 
 
 def _measured(server: Running, clients: int, stalled: int, what: str) -> Row:
@@ -205,7 +204,7 @@ def _measured(server: Running, clients: int, stalled: int, what: str) -> Row:
         ours.recv()
         ours.send("")
         bytes_before, cpu_before, began = ours.recv(), _cpu_s(server.process.pid), time.monotonic()
-        time.sleep(SECONDS)
+        time.sleep(SECONDS)  # the time that is measured
         took_s, cpu_s = time.monotonic() - began, _cpu_s(server.process.pid) - cpu_before
         ours.send("")
         read = ours.recv() - bytes_before
@@ -242,7 +241,7 @@ def main() -> list[Row]:
         feeder.start()
         orders.start()
         try:
-            time.sleep(SETTLE_S * 3)
+            time.sleep(SETTLE_S * 3)  # the first reports and caches are not to be measured
             for clients, stalled, what in (
                 (0, 0, "no clients"),
                 (CLIENTS, 0, f"{CLIENTS} clients"),

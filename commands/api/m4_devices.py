@@ -1,5 +1,6 @@
 """The M4 calls for doors and lifts (spec/protocols.md §1.6)."""
 
+from collections.abc import Callable
 from typing import Annotated, Any
 
 from fastapi import APIRouter
@@ -9,6 +10,7 @@ from starlette.responses import Response
 
 from commands.api.answering import KEY_PARAMETER, Answering, nothing
 from commands.api.m4_models import Int, ParallelResult, Remark, Text, Wire, parallel_results
+from commands.decide import DeviceCommand
 from commands.devices import (
     DOORS_MAX,
     CloseDoors,
@@ -82,51 +84,31 @@ class DeviceCalls:
                 **more,
             )
 
-    async def open_doors(self, request: Request, body: DoorsReq) -> Response:
-        """Have doors open once, each on its own; about 10 s later they may close by themselves."""
-        asked = self._answering.asked(request)
-        command = OpenDoors(
-            id=asked.id,
-            by=asked.by,
-            at_ms=asked.at_ms,
+    async def _told(
+        self, request: Request, kind: Callable[..., DeviceCommand], body: DoorsReq, **fields: bool
+    ) -> Response:
+        command = kind(
+            **self._answering.asked(request)._asdict(),
             scene=SceneId(body.sceneId),
             doors=tuple(body.ids),
             remark=body.remark or "",
+            **fields,
         )
         return await self._answering.answer(
             request, command, lambda decision: parallel_results(body.names(), decision)
         )
+
+    async def open_doors(self, request: Request, body: DoorsReq) -> Response:
+        """Have doors open once, each on its own; about 10 s later they may close by themselves."""
+        return await self._told(request, OpenDoors, body)
 
     async def close_doors(self, request: Request, body: DoorsReq) -> Response:
         """Have doors close, also those kept open, each on its own; not on a robot that passes."""
-        asked = self._answering.asked(request)
-        command = CloseDoors(
-            id=asked.id,
-            by=asked.by,
-            at_ms=asked.at_ms,
-            scene=SceneId(body.sceneId),
-            doors=tuple(body.ids),
-            remark=body.remark or "",
-        )
-        return await self._answering.answer(
-            request, command, lambda decision: parallel_results(body.names(), decision)
-        )
+        return await self._told(request, CloseDoors, body)
 
     async def keep_doors_open(self, request: Request, body: KeepDoorsOpenReq) -> Response:
         """Keep doors open until they are let go, or let them go; each on its own."""
-        asked = self._answering.asked(request)
-        command = KeepDoorsOpen(
-            id=asked.id,
-            by=asked.by,
-            at_ms=asked.at_ms,
-            scene=SceneId(body.sceneId),
-            doors=tuple(body.ids),
-            keep_open=body.keepOpen is not False,
-            remark=body.remark or "",
-        )
-        return await self._answering.answer(
-            request, command, lambda decision: parallel_results(body.names(), decision)
-        )
+        return await self._told(request, KeepDoorsOpen, body, keep_open=body.keepOpen is not False)
 
     async def keep_lift_open(self, request: Request, body: KeepLiftOpenReq) -> Response:
         """Send a lift to an area and keep its doors open there until it is let go."""
