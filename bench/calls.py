@@ -19,7 +19,7 @@ from websockets.asyncio.client import connect
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as sync_connect
 
-from bench.load import Run, Spread, http_client, spread, syncs_per_s
+from bench.load import Run, Spread, http_load, spread, syncs_per_s
 from ledger.scene import ContainerType, SceneFile
 from sim.warehouses import for_robots
 from tests.conformance.catalogue import Call, catalogue
@@ -96,22 +96,17 @@ def socket_url(server: Server) -> str:
 
 def measure(server: Server, call: Call, requests: list[dict[str, Any]]) -> Spread:
     """Send them over all connections."""
-    if call.method == "WS":
-        frames = [{"action": call.path, "content": json.dumps(r["content"])} for r in requests]
-        run = Run([json.dumps(frame).encode() for frame in frames])
-    else:
+    if call.method != "WS":
         run = Run([encoded(call, request) for request in requests])
+        took_s = http_load(server.port, run, CONNECTIONS, SECONDS)
+        return spread(run.latencies, took_s, run.failed)
+    frames = [{"action": call.path, "content": json.dumps(r["content"])} for r in requests]
+    run = Run([json.dumps(frame).encode() for frame in frames])
 
     async def everybody() -> float:
         began = time.perf_counter()
-        until = began + SECONDS
-        url = socket_url(server)
-        if call.method == "WS":
-            await asyncio.gather(*(_websocket(url, run, until) for _ in range(CONNECTIONS)))
-        else:
-            await asyncio.gather(
-                *(http_client(server.port, run, until) for _ in range(CONNECTIONS))
-            )
+        until, url = began + SECONDS, socket_url(server)
+        await asyncio.gather(*(_websocket(url, run, until) for _ in range(CONNECTIONS)))
         return time.perf_counter() - began
 
     return spread(run.latencies, asyncio.run(everybody()), run.failed)
