@@ -23,6 +23,20 @@ class Disk:
         """Return when what was written is on disk."""
         os.fdatasync(fd)
 
+    def settle(self, path: Path) -> None:
+        """Return when what a reader will see of a file is what the disk holds of it.
+
+        After a failed sync the system goes on showing bytes that the disk never took, and the next
+        sync succeeds without writing them (Rebello et al., "Can Applications Recover from fsync
+        Failures?", 2020). So what is in memory is synced once more and then forgotten.
+        """
+        fd = os.open(path, os.O_RDWR)
+        try:
+            os.fsync(fd)
+            os.posix_fadvise(fd, 0, 0, os.POSIX_FADV_DONTNEED)
+        finally:
+            os.close(fd)
+
     def truncate(self, fd: int, size: int) -> None:
         """Cut the file."""
         os.ftruncate(fd, size)
@@ -35,6 +49,17 @@ class Disk:
         """Rename, and return when the folder is on disk."""
         source.rename(target)
         self.sync_folder(target.parent)
+
+    def remove(self, path: Path) -> None:
+        """Take a name away; for good once the folder is synced."""
+        path.unlink()
+
+    def make_folder(self, folder: Path) -> None:
+        """Make a folder where none is, and those above it; return when their names are on disk."""
+        made = [f for f in (folder, *folder.parents) if not f.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        for new in reversed(made):
+            self.sync_folder(new.parent)
 
     def sync_folder(self, folder: Path) -> None:
         """Return when the names in the folder are on disk."""

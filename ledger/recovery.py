@@ -69,7 +69,7 @@ def measure(data: bytes, end: int, predecessor: str) -> Measured:
 def recover(disk: Disk, directory: Path) -> Recovered:
     """Make the folder fit for appending; raises LedgerDamaged where that would hide a loss."""
     for draft in directory.glob(f"*{DRAFT}"):
-        draft.unlink()  # never had an event
+        disk.remove(draft)  # never had an event
     paths = segment_paths(directory)
     before = _check_finished(paths)
     if not paths:
@@ -79,6 +79,7 @@ def recover(disk: Disk, directory: Path) -> Recovered:
     if first != before.position + 1:
         what = f"position {before.position + 1} is missing before it"
         raise LedgerDamaged(newest, 0, what, before.position + 1)
+    disk.settle(newest)  # whoever wrote it may have died or given up before the sync
     data = newest.read_bytes()
     found = read_trailer(data[-TRAILER_BYTES:])
     end = len(data) if found is None else len(data) - TRAILER_BYTES
@@ -200,7 +201,7 @@ def _without_empty(disk: Disk, paths: list[Path], data: bytes, before: Recovered
     if len(data) > len(BEGINNING):
         aside = _keep_aside(disk, path, data[len(BEGINNING) :])
         log.warning("torn first commit cut", segment=path.name, kept=aside)
-    path.unlink()
+    disk.remove(path)
     disk.sync_folder(path.parent)
     if len(paths) == 1:
         return Recovered()

@@ -147,24 +147,25 @@ def save(directory: Path, fleet: Fleet, kept_max: int = KEPT_MAX, disk: Disk | N
     neighbours; the newest always stays. So moments long past stay cheap too.
     """
     disk = disk or Disk()
-    directory.mkdir(parents=True, exist_ok=True)
+    disk.make_folder(directory)
     path = directory / f"{fleet.position:020}{SUFFIX}"
     if path.exists():
         return path
-    path.with_name(path.name + DRAFT).unlink(missing_ok=True)
+    for draft in directory.glob(f"*{DRAFT}"):  # of whom a crash or a full disk stopped
+        disk.remove(draft)
     disk.close(write_file(disk, path, to_bytes(fleet)))
-    _thin(directory, kept_max)
+    _thin(disk, directory, kept_max)
     return path
 
 
-def _thin(directory: Path, kept_max: int) -> None:
+def _thin(disk: Disk, directory: Path, kept_max: int) -> None:
     paths = snapshot_paths(directory)
     while len(paths) > kept_max:
         positions = [0, *(int(path.stem) for path in paths)]
         gaps = [
             positions[n + 2] - positions[n] for n in range(len(paths) - 1)
         ]  # left by taking away paths[n]
-        paths.pop(gaps.index(min(gaps)) if gaps else 0).unlink(missing_ok=True)
+        disk.remove(paths.pop(gaps.index(min(gaps)) if gaps else 0))
 
 
 def _head(path: Path) -> Head | None:
@@ -235,9 +236,12 @@ def restore_from(
 class Snapshotter:
     """Says when the next snapshot is due; the owner of the fleet saves a copy where it likes."""
 
-    def __init__(self, directory: Path, events_apart: int = EVENTS_APART) -> None:
+    def __init__(
+        self, directory: Path, events_apart: int = EVENTS_APART, disk: Disk | None = None
+    ) -> None:
         """Go on from the snapshots that are there."""
         self._directory = directory
+        self._disk = disk
         self._apart = events_apart
         paths = snapshot_paths(directory)
         self._newest = int(paths[-1].stem) if paths else 0
@@ -254,4 +258,4 @@ class Snapshotter:
         """Save a copied fleet whose position is durable; call it off the thread that answers."""
         self._newest = max(self._newest, fleet.position)
         self._live = len(fleet.orders)
-        return save(self._directory, fleet)
+        return save(self._directory, fleet, disk=self._disk)

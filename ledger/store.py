@@ -84,7 +84,11 @@ def check_stamps(events: Sequence[AnyEvent], expected: int) -> int:
 
 
 class FileLedger:
-    """A folder of segments, with a lock on it and a thread that commits."""
+    """A folder of segments, with a lock on it and a thread that commits.
+
+    Without a thread it commits where somebody waits, and where `step` is called: one thread does
+    everything, so the same calls meet the disk in the same order.
+    """
 
     def __init__(
         self,
@@ -95,6 +99,7 @@ class FileLedger:
         *,
         segment_bytes_max: int,
         segment_chunks_max: int,
+        threaded: bool,
     ) -> None:
         """Go on where recovery says; use `open`."""
         self.position = found.position
@@ -115,12 +120,15 @@ class FileLedger:
         self._reports: list[Callable[[LedgerError], None]] = []
         self._failure: LedgerError | None = None
         self._closing = False
+        self._ended = False  # nothing more will be written
         self._told = found.position  # newest that all listeners have heard
         self._filled = threading.Condition()  # guards queue, position, closing, failure
         self._synced = threading.Condition()  # guards told
         self._files = threading.Lock()  # guards paths, writer's index, durable
-        self._thread = threading.Thread(target=self._run, name="ledger-committer", daemon=True)
-        self._thread.start()
+        self._thread: threading.Thread | None = None
+        if threaded:
+            self._thread = threading.Thread(target=self._run, name="ledger-committer", daemon=True)
+            self._thread.start()
 
     @classmethod
     def open(
@@ -130,13 +138,14 @@ class FileLedger:
         segment_bytes_max: int = SEGMENT_BYTES_MAX,
         segment_chunks_max: int = SEGMENT_CHUNKS_MAX,
         disk: Disk | None = None,
+        threaded: bool = True,
     ) -> Self:
         """Lock the folder of segments (made if missing), mend a torn tail, be ready to append.
 
         Raises LedgerLocked, LedgerDamaged.
         """
         disk = disk or Disk()
-        directory.mkdir(parents=True, exist_ok=True)
+        disk.make_folder(directory)
         lock = Lock(directory)
         try:
             disk.sync_folder(directory.parent)
@@ -151,6 +160,7 @@ class FileLedger:
             found,
             segment_bytes_max=segment_bytes_max,
             segment_chunks_max=segment_chunks_max,
+            threaded=threaded,
         )
 
     def append(self, events: Sequence[AnyEvent], expected: int) -> int:
@@ -185,6 +195,8 @@ class FileLedger:
 
     def wait(self, position: int, timeout_s: float) -> bool:
         """Wait for the listeners to have heard of a position."""
+        while self._thread is None and self._told < position and self.step():
+            pass
         with self._synced:
             done = self._synced.wait_for(
                 lambda: self._told >= position or self._failure is not None, timeout_s
@@ -230,18 +242,38 @@ class FileLedger:
         with self._filled:
             self._closing = True
             self._filled.notify()
-        if self._thread is not threading.current_thread():
+        if self._thread is None:
+            self._run()
+        elif self._thread is not threading.current_thread():
             self._thread.join()
+        if self._thread is not threading.current_thread():
             self._lock.close()
 
+    def step(self) -> bool:
+        """Make one commit of what is queued, in the caller's thread; False where nothing is.
+
+        Only for a ledger without a thread of its own.
+        """
+        if self._ended or not self._queue:
+            return False
+        self._go_on()
+        return not self._ended
+
     def _run(self) -> None:
+        while not self._ended:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Make a commit, or after the last one the end."""
         try:
-            while taken := self._take():
+            if taken := self._take():
                 self._commit(taken)
+                return
             if self._writer is not None:
                 self._writer.finish()
         except Exception as error:  # whatever it is, nothing may be acknowledged any more
             self._fail(error)
+        self._ended = True
 
     def _take(self) -> list[Sequence[AnyEvent]]:
         """Wait for events; gives those of whole commands, nothing at the end."""
