@@ -4,6 +4,7 @@ from typing import TypeAlias, assert_never
 
 from commands import (
     access,
+    answers,
     assignment,
     callbacks,
     devices,
@@ -22,6 +23,7 @@ from commands import (
     steps,
 )
 from commands.access import RecordAccess
+from commands.answers import SetAnswersWindow
 from commands.callbacks import ConfigureCallbacks, GiveUpCallback
 from commands.command import Decision, Events
 from commands.devices import CloseDoors, KeepDoorsOpen, KeepLiftOpen, LetLiftGo, OpenDoors
@@ -135,7 +137,13 @@ SceneCommand: TypeAlias = (
     | GiveUpCallback
 )
 AnyCommand: TypeAlias = (
-    OrderCommand | RobotCommand | DeviceCommand | ResourceCommand | SceneCommand | RecordAccess
+    OrderCommand
+    | RobotCommand
+    | DeviceCommand
+    | ResourceCommand
+    | SceneCommand
+    | RecordAccess
+    | SetAnswersWindow
 )
 
 
@@ -151,6 +159,8 @@ def decide(fleet: Fleet, command: AnyCommand) -> Decision:
         return _of_resource(fleet, command)
     if isinstance(command, RecordAccess):
         return access.record(fleet, command)
+    if isinstance(command, SetAnswersWindow):
+        return answers.set_window(fleet, command)
     return _of_scene(fleet, command)
 
 

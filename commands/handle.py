@@ -15,6 +15,7 @@ from commands.decide import AnyCommand, decide, decide_proposal
 from commands.rejected import Reason, Rejected
 from ledger.events import AnyEvent, CommandAnswered, stamped
 from ledger.evolve import evolve
+from ledger.evolve_answers import answer_to
 from ledger.ids import CommandId, SceneId
 from ledger.proposals import AnyProposal
 from ledger.scene import Value
@@ -90,6 +91,8 @@ class Handler:
     ) -> Answered:
         """Do the same, but give a repeated command the first answer, a refusal included.
 
+        Repeated is what comes within the window of answers; later it is a new command.
+
         The command's id is the caller's Idempotency-Key, the digest tells requests apart. The
         answer is appended with the events, so either both are kept or neither. The position of a
         repeated answer covers the first one's events, which may still be on their way to disk.
@@ -115,11 +118,15 @@ class Handler:
 
     def answered(self, key: CommandId, digest: str) -> Answer | None:
         """Find the answer that this key got; refuse a key that came with another request."""
-        known = self.fleet.answers.get(key)
+        known = self.answer_of(key)
         if known is not None and known.digest != digest:
             message = "Header 'Idempotency-Key' was used for another request."
             raise Rejected(Reason.KEY_REUSED, message)
         return known
+
+    def answer_of(self, key: CommandId) -> Answer | None:
+        """Find the answer that this key got within the window of answers."""
+        return answer_to(self.fleet, key, max(self.now_ms(), self.fleet.at_ms))
 
     def propose(self, proposals: Iterable[AnyProposal]) -> Proposed:
         """Decide each on the state that the ones before it left; append all that came of it."""

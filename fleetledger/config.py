@@ -33,7 +33,7 @@ class Format(StrEnum):
 
 
 class Settings(BaseSettings):
-    """All options of `serve`; every one is a flag, a FLEETLEDGER_ variable and a TOML key."""
+    """All options of `serve`: TOML keys and FLEETLEDGER_ variables, and most are flags too."""
 
     model_config = SettingsConfigDict(env_prefix="FLEETLEDGER_", extra="forbid")
 
@@ -47,6 +47,18 @@ class Settings(BaseSettings):
     seed: int = 1
     rdscore_port: int | None = Field(None, ge=0, le=65534)
     snapshot_events: int = Field(EVENTS_APART, ge=1000, description="Events between two snapshots.")
+    answers_max: int = Field(
+        10_000, ge=1, le=100_000, description="Answers kept for repeated Idempotency-Keys."
+    )
+    answers_age_s: int = Field(
+        86_400, ge=1, le=31_536_000, description="No answer is kept longer, in scaled time."
+    )
+    disk_reserve_mb: int = Field(
+        64, ge=0, le=1_000_000, description="Free space below which no command is accepted."
+    )
+    failure_grace_s: float = Field(
+        30.0, ge=0, le=3600, description="How long queries go on once the ledger has failed."
+    )
     tls_cert: Path | None = Field(None, description="PEM file of the certificate chain.")
     tls_key: Path | None = Field(None, description="PEM file of its key.")
     log_json: bool = False

@@ -5,8 +5,8 @@ from typing import assert_never
 
 from ledger.events import (
     AccessEvent,
+    AnswerEvent,
     AnyEvent,
-    CommandAnswered,
     DeviceEvent,
     OrderCreated,
     OrderEvent,
@@ -15,13 +15,12 @@ from ledger.events import (
 )
 from ledger.events.orders import OfOrder
 from ledger.events.robots import OfRobot
+from ledger.evolve_answers import evolve_answer
 from ledger.evolve_order import order_after, order_created
 from ledger.evolve_resources import evolve_device, evolve_resource
 from ledger.evolve_robot import evolve_carrier, evolve_robot
 from ledger.evolve_scene import evolve_scene
-from ledger.state import Answer, Fleet
-
-ANSWERS_MAX = 10_000  # answers kept for repeated Idempotency-Keys
+from ledger.state import Fleet
 
 
 def fold(fleet: Fleet, events: Iterable[AnyEvent]) -> Fleet:
@@ -37,8 +36,8 @@ def evolve(fleet: Fleet, event: AnyEvent) -> None:
         _evolve_order(fleet, event)
     elif isinstance(event, OfRobot):
         evolve_robot(fleet, event)
-    elif isinstance(event, CommandAnswered):
-        _remember(fleet, event)
+    elif isinstance(event, AnswerEvent):
+        evolve_answer(fleet, event)
     elif isinstance(event, SceneEvent):
         evolve_scene(fleet, event)
     elif isinstance(event, ResourceEvent):
@@ -49,14 +48,6 @@ def evolve(fleet: Fleet, event: AnyEvent) -> None:
         assert_never(event)
     fleet.position = event.position
     fleet.at_ms = event.at_ms
-
-
-def _remember(fleet: Fleet, event: CommandAnswered) -> None:
-    fleet.answers[event.command] = Answer(
-        digest=event.digest, status=event.status, body=event.body, at_ms=event.at_ms
-    )
-    while len(fleet.answers) > ANSWERS_MAX:
-        del fleet.answers[next(iter(fleet.answers))]
 
 
 def _evolve_order(fleet: Fleet, event: OrderEvent) -> None:

@@ -9,7 +9,7 @@ from ledger.ids import CommandId, OrderId, RobotKey, RobotName, SceneId, StepId,
 from ledger.link import Instruction
 from ledger.scene import XY, RobotConfig, Scene, Value
 
-STATE_VERSION = 2  # of the shapes below; a snapshot of another version is not used
+STATE_VERSION = 3  # of the shapes below; a snapshot of another version is not used
 
 
 class OrderKind(StrEnum):
@@ -217,6 +217,13 @@ class Answer(Value, frozen=True, kw_only=True):
     at_ms: int
 
 
+class AnswersWindow(Value, frozen=True, kw_only=True):
+    """Which answers are kept for repeated keys: at most so many, and none that is older."""
+
+    count_max: int = 10_000
+    age_ms_max: int = 24 * 3_600_000
+
+
 class Fleet(msgspec.Struct, kw_only=True):
     """All that is live. The only mutable type: a holder of dictionaries with frozen values."""
 
@@ -228,7 +235,9 @@ class Fleet(msgspec.Struct, kw_only=True):
     order_counts: dict[str, int] = {}  # yyyymmdd -> orders made that day
     claims: dict[UnitId, MapClaim] = {}  # unit ids are unique over all scenes
     device_faults: dict[str, DeviceFault] = {}  # by <scene>/<kind>/<id>
-    answers: dict[CommandId, Answer] = {}  # in order of time; the window is config's
+    answers: dict[CommandId, Answer] = {}  # in order of time
+    answers_window: AnswersWindow = AnswersWindow()
+    answers_chars: int = 0  # of all bodies in `answers`
 
     def copy(self) -> "Fleet":
         """Fork: new dictionaries, the same values."""
@@ -242,6 +251,8 @@ class Fleet(msgspec.Struct, kw_only=True):
             claims=dict(self.claims),
             device_faults=dict(self.device_faults),
             answers=dict(self.answers),
+            answers_window=self.answers_window,
+            answers_chars=self.answers_chars,
         )
 
     def canonical(self) -> bytes:

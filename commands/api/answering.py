@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 from collections.abc import Awaitable, Callable
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import msgspec
 from starlette.requests import Request
@@ -61,6 +62,7 @@ class Answering:
         """Take who decides, and how to wait for the disk."""
         self.handler = handler
         self._durable = durable
+        self._turns: WeakValueDictionary[CommandId, asyncio.Lock] = WeakValueDictionary()
 
     def asked(self, request: Request) -> Asked:
         """Read the head of a command: with a key its id is the key, within its caller's own."""
@@ -76,7 +78,8 @@ class Answering:
     def repeated(self, request: Request) -> bool:
         """Tell whether the key of a command has its answer already."""
         return (
-            KEY_HEADER in request.headers and self.asked(request).id in self.handler.fleet.answers
+            KEY_HEADER in request.headers
+            and self.handler.answer_of(self.asked(request).id) is not None
         )
 
     async def answer(self, request: Request, command: AnyCommand, words: Words) -> Response:
@@ -104,6 +107,7 @@ class Answering:
 
         A repeated key gets the first answer here too. As that is known only now, it is kept beside
         a command of the same id that changes nothing; what a crash leaves unanswered is done anew.
+        A repetition that comes meanwhile waits for that answer.
         """
         if KEY_HEADER not in request.headers:
             decision = self.handler.handle(command)
@@ -112,14 +116,15 @@ class Answering:
             return _response(200, body, await self.settled())
         digest = await _digest(request)
         reply = Reply(status=200, body="")
-        if self.handler.answered(command.id, digest) is None:
-            try:
-                decision = self.handler.handle(command)
-                await self._durable(decision.position)
-                reply = Reply(status=200, body=(await later(decision)).decode())
-            except Rejected as no:
-                reply = Reply(status=no.status, body=_refusal(no))
-        answered = self.handler.handle_once(nothing_more, digest, lambda _: reply)
+        async with self._turns.setdefault(command.id, asyncio.Lock()):
+            if self.handler.answered(command.id, digest) is None:
+                try:
+                    decision = self.handler.handle(command)
+                    await self._durable(decision.position)
+                    reply = Reply(status=200, body=(await later(decision)).decode())
+                except Rejected as no:
+                    reply = Reply(status=no.status, body=_refusal(no))
+            answered = self.handler.handle_once(nothing_more, digest, lambda _: reply)
         await self._durable(answered.position)
         given = answered.reply
         return _response(given.status, given.body.encode(), answered.position)

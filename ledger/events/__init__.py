@@ -16,6 +16,7 @@ from ledger.events.access import (
 )
 from ledger.events.answers import (
     AnswerEvent,
+    AnswersWindowSet,
     CommandAnswered,
 )
 from ledger.events.base import (
@@ -111,7 +112,7 @@ EVENTS: dict[type[Event], str] = {
     **dict.fromkeys(get_args(ResourceEvent), "resources"),
     **dict.fromkeys(get_args(DeviceEvent), "devices"),
     **dict.fromkeys(get_args(AccessEvent), "access"),
-    CommandAnswered: "commands",
+    **dict.fromkeys(get_args(AnswerEvent), "commands"),
 }
 
 __all__ = [
@@ -119,6 +120,7 @@ __all__ = [
     "AccessEvent",
     "AccessRefused",
     "AnswerEvent",
+    "AnswersWindowSet",
     "AnyEvent",
     "AssignmentRejected",
     "CallbackGivenUp",

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from ledger.events import AnyEvent, CommandAnswered
-from ledger.evolve import ANSWERS_MAX, fold
+from ledger.evolve import fold
 from ledger.ids import CommandId, OrderId, SceneId
 from ledger.snapshot import (
     Snapshotter,
@@ -16,7 +16,7 @@ from ledger.snapshot import (
     snapshot_paths,
     to_bytes,
 )
-from ledger.state import STATE_VERSION, Fleet
+from ledger.state import STATE_VERSION, AnswersWindow, Fleet
 from ledger.store import FileLedger, MemoryLedger
 from tests.histories import history
 from tests.ledger.folders import in_threes, written
@@ -69,9 +69,10 @@ def test_a_restored_state_forgets_answers_in_the_order_it_got_them(tmp_path: Pat
             position=position, scene=SceneId("s"), command=command, digest="", status=200, body=""
         )
 
-    fleet = fold(Fleet(), map(answered, range(1, ANSWERS_MAX + 1)))
+    count = AnswersWindow().count_max
+    fleet = fold(Fleet(), map(answered, range(1, count + 1)))
     loaded = load(save(tmp_path, fleet))
-    late = [answered(n) for n in range(ANSWERS_MAX + 1, ANSWERS_MAX + 4)]
+    late = [answered(n) for n in range(count + 1, count + 4)]
     assert fold(loaded, late).canonical() == fold(fleet, late).canonical()
 
 
