@@ -2,10 +2,13 @@
 
 import hashlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from threading import Event as Flag
+from time import monotonic
 from typing import TypeAlias
+from weakref import WeakSet
 
 import duckdb
 import msgspec
@@ -17,11 +20,12 @@ from projections.projector import Projector
 from projections.tables import EVENTS, ORDERS, SCHEMA_VERSION, STEPS, arrow, ddl, steps_of
 
 CATCH_UP_EVENTS = 20_000  # in one transaction when rebuilding
-PROGRESS_EVENTS = 200_000  # between two lines of the log when rebuilding
 LOCK_TRIES = 50  # `fleetledger sql` holds the file only while it copies it
 LOCK_RETRY_S = 0.1
 THREADS = 2
 MEMORY_MAX = "2GB"
+CLOSE_S = 2.0  # for queries under way to be broken off
+CLOSE_RETRY_S = 0.005
 
 Read: TypeAlias = Callable[[int], Iterator[AnyEvent]]  # events behind a position, in order
 
@@ -34,7 +38,8 @@ class Archive:
     def __init__(self, connection: duckdb.DuckDBPyConnection, path: Path | None) -> None:
         self._connection = connection
         self._path = path
-        self.position, self._digest = _checkpoint(connection)
+        self._cursors: WeakSet[duckdb.DuckDBPyConnection] = WeakSet()
+        self.position, self._digest, self._orders = _checkpoint(connection)
 
     @classmethod
     def open(cls, path: Path | None) -> "Archive":
@@ -67,8 +72,9 @@ class Archive:
                     ddl("orders_done", ORDERS),
                     ddl("steps_done", STEPS),
                     ddl("events", EVENTS),
-                    "CREATE TABLE checkpoint (version BIGINT, position BIGINT, digest VARCHAR)",
-                    f"INSERT INTO checkpoint VALUES ({SCHEMA_VERSION}, 0, '')",
+                    "CREATE TABLE checkpoint "
+                    "(version BIGINT, position BIGINT, digest VARCHAR, orders BIGINT)",
+                    f"INSERT INTO checkpoint VALUES ({SCHEMA_VERSION}, 0, '', 0)",
                 )
             )
             + "; COMMIT"
@@ -76,15 +82,23 @@ class Archive:
         return cls(connection, path)
 
     def _check(self, path: Path) -> None:
-        """Find what DuckDB itself finds only when it reads the block: a file cut short."""
-        (size,) = self._connection.execute(
+        """Find what DuckDB itself finds only when it reads the block: a file cut short.
+
+        And rows that do not fit the checkpoint, as after another file's write-ahead log.
+        """
+        one = self._connection.execute
+        (size,) = one(
             "SELECT total_blocks * block_size FROM pragma_database_size()"
         ).fetchone() or (0,)
         if path.stat().st_size < size:
             raise _Unusable(f"{path.stat().st_size} bytes of {size} are left")
-        events = self._connection.execute("SELECT count(*), coalesce(max(position), 0) FROM events")
-        if events.fetchone() != (self.position, self.position):
-            raise _Unusable(f"events are missing before position {self.position}")
+        for table, due in (("events", self.position), ("orders_done", self._orders)):
+            (rows,) = one(f"SELECT count(*) FROM {table}").fetchone() or (0,)
+            if rows != due:
+                raise _Unusable(f"{table} has {rows} rows, not {due}, at {self.position}")
+        newest = one("SELECT count(*) FROM events WHERE position = ?", [self.position])
+        if self.position and newest.fetchone() != (1,):
+            raise _Unusable(f"the event at {self.position} is missing")
 
     def belongs_to(self, read: Read) -> bool:
         """Whether the ledger holds, at our checkpoint, the very event we stopped at."""
@@ -111,8 +125,9 @@ class Archive:
                     connection.execute(f"INSERT INTO {table} SELECT * FROM fresh")
                     connection.unregister("fresh")
             (moved,) = connection.execute(
-                "UPDATE checkpoint SET position = ?, digest = ? WHERE position = ?",
-                [newest.position, digest, self.position],
+                "UPDATE checkpoint SET position = ?, digest = ?, orders = orders + ? "
+                "WHERE position = ?",
+                [newest.position, digest, orders.num_rows, self.position],
             ).fetchone() or (0,)
             assert moved == 1, f"the checkpoint was not at {self.position}"
             connection.execute("COMMIT")
@@ -120,11 +135,20 @@ class Archive:
             connection.execute("ROLLBACK")
             raise
         self.position, self._digest = newest.position, digest
+        self._orders += orders.num_rows
         projector.clear()
 
-    def catch_up(self, projector: Projector, read: Read, stop: Callable[[], bool]) -> None:
-        """Commit all that the ledger holds behind our position; `stop` is asked between batches."""
-        begin = told = self.position
+    def catch_up(
+        self,
+        projector: Projector,
+        read: Read,
+        stop: Callable[[], bool],
+        told: Callable[[int], None] = lambda position: None,
+    ) -> None:
+        """Commit all that the ledger holds behind our position.
+
+        `stop` is asked between batches; `told` hears how far each has come.
+        """
         events = read(self.position)
         while not stop():
             batch = list(islice(events, CATCH_UP_EVENTS))
@@ -133,9 +157,7 @@ class Archive:
             for event in batch:
                 projector.take(event)
             self.commit(projector)
-            if self.position - told >= PROGRESS_EVENTS:
-                told = self.position
-                log.info("history is being rebuilt", position=told, since=begin)
+            told(self.position)
 
     def newest(self, count: int, until: int) -> list[Order]:
         """Give the newest created orders of those that ended at a position or before."""
@@ -146,19 +168,42 @@ class Archive:
         ).fetchall()
         return [msgspec.json.decode(body, type=Order) for (body,) in found]
 
-    def cursor(self) -> duckdb.DuckDBPyConnection:
-        """Give a reader of its own: a cursor must not be shared by threads."""
-        return self._connection.cursor()
+    def cursor(self, need: int = 0) -> duckdb.DuckDBPyConnection:
+        """Give a reader of its own: a cursor must not be shared by threads.
+
+        What it needs is checked by who knows how far we ought to be.
+        """
+        cursor = self._connection.cursor()
+        self._cursors.add(cursor)
+        return cursor
 
     def interrupt(self) -> None:
         """Break off the commit that is running."""
         self._connection.interrupt()
 
     def close(self, *, delete: bool = False) -> None:
-        """Close the file; delete it where it has proved to be bad."""
-        self._connection.close()
+        """Close the file and every cursor; delete it where it has proved to be bad.
+
+        A file that is still open must not be begun anew: the old one would end by deleting the
+        write-ahead log of the new one.
+        """
+        until_s = monotonic() + CLOSE_S
+        while True:
+            try:
+                self._connection.close()
+                break
+            except duckdb.ResourceInUseException:  # a query is under way
+                if monotonic() > until_s:
+                    raise
+                self._break_off()
+                Flag().wait(CLOSE_RETRY_S)  # nobody tells when a cursor is idle
         if delete and self._path is not None:
             _delete(self._path)
+
+    def _break_off(self) -> None:
+        for cursor in list(self._cursors):
+            with suppress(duckdb.ConnectionException):  # it is closed
+                cursor.interrupt()
 
 
 class _Unusable(Exception):
@@ -181,17 +226,37 @@ def _connect(path: Path | None) -> duckdb.DuckDBPyConnection:
     raise TimeoutError(f"another process holds {path}; stop it, or delete the file")
 
 
-def _checkpoint(connection: duckdb.DuckDBPyConnection) -> tuple[int, str]:
-    found = connection.execute("SELECT version, position, digest FROM checkpoint").fetchall()
-    if len(found) != 1 or found[0][0] != SCHEMA_VERSION:
-        raise _Unusable(f"checkpoint {found}, tables of version {SCHEMA_VERSION} are wanted")
-    return int(found[0][1]), str(found[0][2])
+def _checkpoint(connection: duckdb.DuckDBPyConnection) -> tuple[int, str, int]:
+    (version,) = connection.execute("SELECT max(version) FROM checkpoint").fetchone() or (None,)
+    if version != SCHEMA_VERSION:
+        raise _Unusable(f"its tables have version {version}, {SCHEMA_VERSION} is wanted")
+    found = connection.execute("SELECT position, digest, orders FROM checkpoint").fetchall()
+    if len(found) != 1:
+        raise _Unusable(f"it has {len(found)} checkpoints")
+    return int(found[0][0]), str(found[0][1]), int(found[0][2])
 
 
 def _digest_of(event: AnyEvent) -> str:
     return hashlib.sha256(msgspec.json.encode(event)).hexdigest()
 
 
+def is_damage(trouble: duckdb.Error) -> bool:
+    """Whether it says that the file cannot be read. A full disk, which it calls alike, is none."""
+    if not isinstance(trouble, duckdb.IOException | duckdb.SerializationException):
+        return False
+    return not any(word in str(trouble) for word in ("space", "write"))
+
+
 def _delete(path: Path) -> None:
     path.unlink(missing_ok=True)
     path.with_name(path.name + ".wal").unlink(missing_ok=True)
+
+
+def position_of(path: Path) -> int:
+    """Tell how far a file that nobody has open follows its ledger; 0 where it does not say."""
+    try:
+        with duckdb.connect(str(path), read_only=True) as connection:
+            found = connection.execute("SELECT position FROM checkpoint").fetchone()
+    except duckdb.Error:
+        return 0
+    return 0 if found is None else int(found[0])

@@ -21,7 +21,7 @@ from projections.condition_sql import column, order_by, where
 from projections.fields import CREATED, ID, SHOWN, Field, Row, row
 from projections.live import Live, Moment
 from projections.query import ALL, Condition, How, Test, folded
-from projections.reading import CHUNK_ROWS, Reader
+from projections.reading import CHUNK_ROWS, Reader, Rebuilding
 from projections.sorting import Key, Rank, rank
 
 ROWS_MAX = 1_000_000  # of one answer without a limit
@@ -101,25 +101,28 @@ class Find:
             total = _count(cursor, moment, asked)
             return Page(rows=tuple(rows), total=total, position=moment.position)
 
-        return await self._reader.run(both)
+        return await self._reader.run(both, moment.history_position)
 
     async def some(self, asked: Asked, skip: int, limit: int, at_ms: At | None = None) -> Page:
         """Give rows `skip` to `skip + limit`; `total` is only their number."""
         moment = await self.moment(at_ms)
-        rows = await self._reader.run(lambda c: _window(c, moment, asked, skip, limit))
+        rows = await self._reader.run(
+            lambda c: _window(c, moment, asked, skip, limit), moment.history_position
+        )
         return Page(rows=tuple(rows), total=len(rows), position=moment.position)
 
     async def count(self, asked: Asked, at_ms: At | None = None) -> tuple[int, int]:
         """Give the number of rows, and the position at which it is so."""
         moment = await self.moment(at_ms)
-        return await self._reader.run(lambda c: _count(c, moment, asked)), moment.position
+        number = await self._reader.run(lambda c: _count(c, moment, asked), moment.history_position)
+        return number, moment.position
 
     async def every(
         self, asked: Asked, skip: int, limit: int | None = None, at_ms: At | None = None
     ) -> tuple[int, AsyncIterator[list[Row]]]:
         """Give the position, and the rows behind `skip` in chunks, so that many need no memory."""
         moment = await self.moment(at_ms)
-        total = await self._reader.run(lambda c: _count(c, moment, asked))
+        total = await self._reader.run(lambda c: _count(c, moment, asked), moment.history_position)
         if limit is None and total - skip > ROWS_MAX:
             raise Refused(
                 "errTooManyRows",
@@ -137,7 +140,7 @@ class Find:
         sql, parameters = _select(moment, asked)
         if need is not None:
             sql, parameters = f"{sql} LIMIT ?", [*parameters, need]
-        async for found in self._reader.stream(sql, parameters):
+        async for found in self._reader.stream(sql, parameters, moment.history_position):
             for values in found:
                 ended = _ranked(asked, values)
                 while memory and memory[0].rank < ended.rank:
@@ -156,9 +159,23 @@ class Find:
             known = fleet.orders.get(id_) or self.live.ended_order(id_, position)
         if known is not None:
             return known, position
-        sql = "SELECT body FROM orders_done WHERE id = ? AND done_position <= ?"
-        found = await self._reader.run(lambda c: c.execute(sql, [id_, position]).fetchone())
-        return (None if found is None else msgspec.json.decode(found[0], type=Order)), position
+        need = min(self.live.history_position, position)
+        found = await self._reader.run(lambda c: _ended_order(c, id_, position, need))
+        return found, position
+
+
+def _ended_order(
+    cursor: duckdb.DuckDBPyConnection, id_: OrderId, position: int, need: int
+) -> Order | None:
+    """Give an order out of DuckDB, which need not have all rows up to `need` if it has this."""
+    have = cursor.execute("SELECT position FROM checkpoint").fetchone() or (0,)
+    sql = "SELECT body FROM orders_done WHERE id = ? AND done_position <= ?"
+    found = cursor.execute(sql, [id_, position]).fetchone()
+    if found is not None:
+        return msgspec.json.decode(found[0], type=Order)
+    if have[0] < need:
+        raise Rebuilding(have[0], need)
+    return None
 
 
 async def _chunks(

@@ -1,9 +1,14 @@
-"""History: follows the durable events into DuckDB with one thread, some 100 ms behind."""
+"""History: follows the durable events into DuckDB with one thread, some 100 ms behind.
+
+Whatever is wrong with the file is mended while others are served: it is opened again, or built anew
+from the ledger. Until it has the rows that a query needs, the query is refused.
+"""
 
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from threading import Condition, Lock, Thread
+from threading import Condition, Thread
+from time import monotonic
 from typing import TypeAlias
 
 import duckdb
@@ -11,18 +16,22 @@ import structlog
 
 from ledger.events import AnyEvent
 from ledger.state import Fleet
-from projections.archive import Archive, Read
+from projections.archive import Archive, Read, is_damage
 from projections.live import NEWEST_KEPT, Live
 from projections.projector import Projector
+from projections.reading import Rebuilding
 
 BATCH_EVENTS = 1_000
 BATCH_S = 0.1  # a batch waits so long for more
 QUEUE_EVENTS_MAX = 20_000  # more are not kept here but read from the ledger again
-RETRY_S = 1.0
-FAILURES_MAX = 5  # in a row; then the thread gives up and ended orders stay in memory
+START_WAIT_S = 1.0  # for a file that is nearly up to date, so that no first query is refused
+RETRY_S, RETRY_S_MAX = 0.5, 30.0  # doubled by each failure in a row
+FAILURES_MAX = 4  # in a row without a step forward; then the file is built anew
+PROGRESS_S = 5.0  # between two lines of the log when rebuilding
 CLOSE_S = 2.0
 
 FleetAt: TypeAlias = Callable[[int], Fleet]  # the state at a position
+Told: TypeAlias = Callable[[int, int], None]  # position reached, position to reach
 
 log = structlog.get_logger()
 
@@ -30,58 +39,44 @@ log = structlog.get_logger()
 class History:
     """The projector. It only ever sees durable events, so it is never ahead of the ledger."""
 
-    def __init__(self, path: Path, live: Live) -> None:
-        """Take the file, and what forgets ended orders once they are in it."""
+    def __init__(self, path: Path, live: Live, told: Told = lambda position, newest: None) -> None:
+        """Take the file, what forgets ended orders once they are in it, and who hears of it."""
         self._path = path
         self._live = live
+        self._told = told
         self._queue: deque[AnyEvent] = deque()
-        self._newest = 0  # position known to be in the ledger
-        self._changed = Condition()
+        self.newest = 0  # position known to be in the ledger
+        self._changed = Condition()  # guards queue, newest, stopped, damage
         self.moved = Condition()  # told after each commit
-        self._starting = Lock()
         self._stopped = False
-        self._failed = False
-        self._archive: Archive | None = None
+        self._damage: str | None = None
+        self._archive: Archive | None = None  # None while it is opened
+        self._due = 0  # newest position at start
+        self._seeded = False  # it is reached
+        self._known = Fleet()  # state at start: going on from there costs no fold
         self._thread: Thread | None = None
-        self._read: Read | None = None
-        self._fleet_at: FleetAt | None = None
+        self._read: Read
+        self._fleet_at: FleetAt
 
-    def start(self, read: Read, fleet_at: FleetAt) -> None:
-        """Catch up with the ledger, then follow it; must end before the first query is answered.
+    def start(self, read: Read, fleet_at: FleetAt, wait_s: float = START_WAIT_S) -> None:
+        """Catch up with the ledger, then follow it, in a thread; waits a little for the first.
 
         A file that is missing, damaged, of another version or of another ledger is built anew.
         """
-        with self._starting:
-            self._start(read, fleet_at)
-
-    def _start(self, read: Read, fleet_at: FleetAt) -> None:
         self._read, self._fleet_at = read, fleet_at
-        archive = Archive.open(self._path)
-        if archive.position > self._live.position or not archive.belongs_to(read):
-            log.warning(
-                "history is not of this ledger and is built anew",
-                path=str(self._path),
-                position=archive.position,
-            )
-            archive.close(delete=True)
-            archive = Archive.open(self._path)
-        self._archive = archive
-        projector = self._projector()
-        archive.catch_up(projector, read, stop=lambda: self._stopped)
-        if self._stopped:
-            return
-        self._live.forget(archive.position)
-        newest = archive.newest(NEWEST_KEPT + 1, self._live.position)
-        self._live.seed(newest[:NEWEST_KEPT], are_all=len(newest) <= NEWEST_KEPT)
-        self._thread = Thread(target=self._run, args=(projector,), name="history", daemon=True)
+        self._known = self._live.fleet.copy()
+        self._due = self.newest = self._known.position
+        self._thread = Thread(target=self._run, name="history", daemon=True)
         self._thread.start()
+        with self.moved:
+            self.moved.wait_for(lambda: self._seeded, wait_s)
 
     def follow(self, events: Sequence[AnyEvent]) -> None:
         """Take durable events, in order; returns at once."""
         if not events:
             return
         with self._changed:
-            self._newest = events[-1].position
+            self.newest = events[-1].position
             idle = not self._queue
             if len(self._queue) + len(events) > QUEUE_EVENTS_MAX:
                 self._queue.clear()  # the thread sees the gap and reads the ledger
@@ -94,77 +89,154 @@ class History:
 
     @property
     def position(self) -> int:
-        """Position of the newest event in the file."""
-        return self._opened.position
+        """Position of the newest event in the file; 0 while it is opened."""
+        archive = self._archive
+        return 0 if archive is None else archive.position
 
-    def cursor(self) -> duckdb.DuckDBPyConnection:
-        """Give a reader of its own."""
-        return self._opened.cursor()
+    def cursor(self, need: int = 0) -> duckdb.DuckDBPyConnection:
+        """Give a reader of its own on every row up to a position; raises Rebuilding.
 
-    def damaged(self, reason: str) -> None:
-        """Take note that a query could not read the file: the next start builds it anew."""
-        self._failed = True
-        log.error("history is damaged; restart the server, it will be built anew", reason=reason)
+        Ask for what the answer relies on: the file may be begun anew at any moment, but not under
+        an open cursor.
+        """
+        archive = self._archive
+        if archive is not None and archive.position >= need:
+            try:
+                return archive.cursor(need)
+            except duckdb.ConnectionException:  # it is being closed
+                pass
+        raise Rebuilding(self.position, max(need, self.newest))
+
+    def damaged(self, trouble: duckdb.Error) -> None:
+        """Take note that a query could not read the file: it is opened again, or built anew."""
+        with self._changed:
+            if self._damage is None and not self._stopped:
+                self._damage = str(trouble) if is_damage(trouble) else ""
+                log.error("history cannot be read", reason=str(trouble))
+                self._changed.notify()
 
     def close(self) -> None:
-        """Stop within two seconds; what is not yet in the file comes in at the next start."""
+        """Stop within some seconds; what is not yet in the file comes in at the next start."""
         with self._changed:
             self._stopped = True
             self._changed.notify()
-        with self._starting:  # a rebuild ends after the batch it is at
-            self._close()
+        if self._thread is None:
+            return
+        self._thread.join(CLOSE_S / 2)
+        if self._thread.is_alive() and self._archive is not None:
+            self._archive.interrupt()
+        self._thread.join(CLOSE_S)
 
-    def _close(self) -> None:
-        if self._thread is not None:
-            self._thread.join(CLOSE_S / 2)
-            if self._thread.is_alive():
-                self._opened.interrupt()
-                self._thread.join(CLOSE_S / 2)
-        if self._archive is not None:
-            self._archive.close(delete=self._failed)
-
-    @property
-    def _opened(self) -> Archive:
-        assert self._archive is not None, "start the history before using it"
-        return self._archive
-
-    def _projector(self) -> Projector:
-        assert self._fleet_at is not None
-        position = self._opened.position
-        if position == 0:
-            return Projector(Fleet())
-        if position == self._live.position:  # the usual case costs no fold
-            return Projector(self._live.fleet)
-        return Projector(self._fleet_at(position))
-
-    def _run(self, projector: Projector) -> None:
-        failures = 0
-        while (batch := self._batch(projector.position)) is not None:
+    def _run(self) -> None:
+        failures, wait_s = 0, RETRY_S
+        while not self._stopped:
+            before = self.position
             try:
-                self._commit(projector, batch)
-                failures = 0
-            except Exception as trouble:  # whatever it was, queries go on from memory
+                self._open_and_follow()
+                bad = False
+            except _Broken as trouble:
+                bad = trouble.damage
+            except Exception as trouble:  # whatever it was, live orders are served meanwhile
                 if self._stopped:
-                    return
-                failures += 1
+                    break
+                failures = 1 if self.position > before else failures + 1
+                wait_s = RETRY_S if failures == 1 else min(2 * wait_s, RETRY_S_MAX)
+                bad = isinstance(trouble, duckdb.Error) and (
+                    is_damage(trouble) or failures % FAILURES_MAX == 0
+                )
                 log.exception("history falls behind", reason=str(trouble), failures=failures)
-                if failures == FAILURES_MAX:
-                    self._failed = True
-                    log.error("history has stopped; restart the server, it will be built anew")
-                    return
-                with self._changed:
-                    self._changed.wait_for(lambda: self._stopped, RETRY_S)
-                assert self._fleet_at is not None
-                projector = Projector(self._fleet_at(self._opened.position))
+                self._close(delete=bad)
+                self._wait(lambda: self._stopped, wait_s)
+                continue
+            self._close(delete=bad)
+        self._close(delete=bool(self._damage))
+
+    def _close(self, *, delete: bool) -> None:
+        archive, self._archive = self._archive, None
+        if archive is None:
+            return
+        try:
+            archive.close(delete=delete)
+        except duckdb.Error as trouble:  # not written back: its write-ahead log has it
+            log.warning("history was not closed well", reason=str(trouble))
+        if delete:
+            log.warning("history is built anew", path=str(self._path))
+
+    def _open_and_follow(self) -> None:
+        """Work on the open file until it is to be closed; raises what is in the way."""
+        archive = Archive.open(self._path)
+        if not archive.belongs_to(self._read):
+            log.warning("history is of another ledger", position=archive.position)
+            archive.close(delete=True)
+            archive = Archive.open(self._path)
+        self._archive, self._damage = archive, None
+        same = archive.position == self._known.position
+        projector = Projector(self._known if same else self._fleet_at(archive.position))
+        self._known = Fleet()
+        self._tell()
+        while (batch := self._batch(projector.position)) is not None:
+            if batch:
+                for event in batch:
+                    projector.take(event)
+                archive.commit(projector)
+            else:
+                self._catch_up(archive, projector)
+            self._committed(archive)
+        if self._damage is not None and not self._stopped:
+            raise _Broken(damage=bool(self._damage))
+
+    def _catch_up(self, archive: Archive, projector: Projector) -> None:
+        said_s = monotonic()
+        since = archive.position
+
+        def told(position: int) -> None:
+            nonlocal said_s
+            self._tell()
+            if monotonic() - said_s > PROGRESS_S:
+                said_s = monotonic()
+                percent = 100 * position // max(self.newest, 1)
+                log.info(
+                    "history is being rebuilt",
+                    percent=percent, position=position, of=self.newest, since=since,
+                )  # fmt: skip
+
+        archive.catch_up(projector, self._read, self._interrupted, told)
+        if monotonic() - said_s > PROGRESS_S or since == 0:
+            log.info("history is up to date", position=archive.position, since=since)
+
+    def _committed(self, archive: Archive) -> None:
+        self._live.forget(archive.position)
+        if not self._seeded and archive.position >= self._due:
+            newest = archive.newest(NEWEST_KEPT + 1, self._due)
+            self._live.seed(newest[:NEWEST_KEPT], are_all=len(newest) <= NEWEST_KEPT)
+            self._seeded = True
+        self._tell()
+
+    def _tell(self) -> None:
+        self._told(self.position, self.newest)
+        with self.moved:
+            self.moved.notify_all()
+
+    def _interrupted(self) -> bool:
+        return self._stopped or self._damage is not None
+
+    def _wait(self, until: Callable[[], bool], timeout_s: float | None = None) -> None:
+        with self._changed:
+            self._changed.wait_for(until, timeout_s)
 
     def _batch(self, position: int) -> list[AnyEvent] | None:
-        """Wait for events, and a little for more of them; an empty batch = read the ledger."""
+        """Wait for events, and a little for more of them; an empty batch = read the ledger.
+
+        None where the file is to be closed.
+        """
         with self._changed:
-            self._changed.wait_for(lambda: self._stopped or self._newest > position)
+            if not self._seeded:
+                return None if self._interrupted() else []
+            self._changed.wait_for(lambda: self._interrupted() or self.newest > position)
             self._changed.wait_for(
-                lambda: self._stopped or len(self._queue) >= BATCH_EVENTS, BATCH_S
+                lambda: self._interrupted() or len(self._queue) >= BATCH_EVENTS, BATCH_S
             )
-            if self._stopped:
+            if self._interrupted():
                 return None
             while self._queue and self._queue[0].position <= position:
                 self._queue.popleft()
@@ -172,14 +244,11 @@ class History:
                 return []
             return [self._queue.popleft() for _ in range(min(BATCH_EVENTS, len(self._queue)))]
 
-    def _commit(self, projector: Projector, batch: Sequence[AnyEvent]) -> None:
-        if batch:
-            for event in batch:
-                projector.take(event)
-            self._opened.commit(projector)
-        else:
-            assert self._read is not None
-            self._opened.catch_up(projector, self._read, stop=lambda: self._stopped)
-        self._live.forget(self._opened.position)
-        with self.moved:
-            self.moved.notify_all()
+
+class _Broken(Exception):
+    """A query found the file, or DuckDB, unusable."""
+
+    def __init__(self, *, damage: bool) -> None:
+        """Take whether the file itself is damaged."""
+        super().__init__()
+        self.damage = damage

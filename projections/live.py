@@ -26,11 +26,16 @@ from projections.devices import DevicesSeen
 WAIT_S = 5.0  # for a position, then the caller is told that it did not come
 WAITERS_MAX = 10_000
 NEWEST_KEPT = 1_000  # ended orders kept for default pages
+FINISHED_MAX = 20_000  # ended orders kept for DuckDB: 60 MB, 20 s of 1,000 orders/s
+FINISHED_LESS = 1_000  # forgotten at once where there are more
 REPORTS_KEPT = 32  # of each robot, so that all can be shown at one instant
 
 
 class Moment(Value, frozen=True, kw_only=True):
-    """One consistent view: these orders, and of DuckDB's the rows up to `history_position`."""
+    """One consistent view: these orders, and of DuckDB's the rows up to `history_position`.
+
+    DuckDB may not have got so far yet: whoever opens a cursor names it as what he needs.
+    """
 
     position: int
     at_ms: int
@@ -46,6 +51,8 @@ class Moment(Value, frozen=True, kw_only=True):
 class Live:
     """Live orders, robots and scenes, and ended orders until DuckDB has committed them.
 
+    While DuckDB falls behind, or is built anew, only the newest of the ended ones are kept: a
+    `Moment` then asks DuckDB for more than it has, and `History.cursor` refuses.
     `apply` runs where queries are answered, before the events are acknowledged: whoever got an
     answer finds what it says. `forget` may come from the projector's thread.
     """
@@ -59,9 +66,10 @@ class Live:
         self.recent: dict[RobotKey, deque[Report]] = {}
         self.devices = DevicesSeen()
         self._ended_at: deque[tuple[int, OrderId]] = deque()  # position of the last event, order
-        self._history_position = fleet.position
+        self.history_position = fleet.position  # what ended until then is DuckDB's to know
         self._newest: tuple[Order, ...] = ()
-        self._newest_are_all = False
+        self._newest_are_all = True  # of those that ended since the start
+        self._seeded = fleet.position == 0  # nothing had ended before
         created = [order.created_ms for order in fleet.orders.values()]
         self._in_order = created == sorted(created)
         self._newest_created_ms = max(created, default=0)
@@ -104,26 +112,32 @@ class Live:
 
     def _end(self, event: OrderFinished | OrderCancelled) -> None:
         ended = order_after(self.fleet.orders[event.order], event)
-        if event.position <= self._history_position:  # the projector read it before we heard
+        if event.position <= self.history_position:  # the projector read it before we heard
             self._remember([ended])
             return
         self.finished[ended.id] = ended
         self._ended_at.append((event.position, ended.id))
+        if len(self._ended_at) > FINISHED_MAX:
+            self._forget(self._ended_at[FINISHED_LESS - 1][0])
 
     def forget(self, position: int) -> None:
         """Drop ended orders up to a position: DuckDB has them now."""
         with self._lock:
-            gone = []
-            while self._ended_at and self._ended_at[0][0] <= position:
-                gone.append(self.finished.pop(self._ended_at.popleft()[1]))
-            self._remember(gone)
-            self._history_position = max(self._history_position, position)
+            self._forget(position)
+
+    def _forget(self, position: int) -> None:
+        gone = []
+        while self._ended_at and self._ended_at[0][0] <= position:
+            gone.append(self.finished.pop(self._ended_at.popleft()[1]))
+        self._remember(gone)
+        self.history_position = max(self.history_position, position)
 
     def seed(self, newest: Sequence[Order], *, are_all: bool) -> None:
-        """Take the newest created orders that DuckDB has, before the projector follows."""
+        """Take the newest created of all orders that had ended when this began."""
         with self._lock:
-            self._newest, self._newest_are_all = (), are_all
+            self._newest_are_all = self._newest_are_all and are_all
             self._remember(newest)
+            self._seeded = True
 
     def _remember(self, orders: Sequence[Order]) -> None:
         """Keep the newest created: every order in DuckDB that is not kept is older than these."""
@@ -162,14 +176,15 @@ class Live:
             return self._view(fleet, self._ended(fleet.position), in_order=False)
 
     def _view(self, fleet: Fleet, ended: tuple[Order, ...], in_order: bool) -> Moment:
+        remembered = self._seeded and fleet is self.fleet
         return Moment(
             position=fleet.position,
             at_ms=fleet.at_ms,
-            history_position=min(self._history_position, fleet.position),
+            history_position=min(self.history_position, fleet.position),
             orders=tuple(fleet.orders.values()),
             ended=ended,
-            newest=self._newest if fleet is self.fleet else (),
-            newest_are_all=self._newest_are_all and fleet is self.fleet,
+            newest=self._newest if remembered else (),
+            newest_are_all=self._newest_are_all and remembered,
             in_order=in_order,
             scene_names={id_: scene.name for id_, scene in fleet.scenes.items()},
         )

@@ -3,8 +3,9 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from threading import Lock
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import duckdb
 
@@ -13,6 +14,15 @@ from ledger.errors import Refused
 READERS = 4  # threads; more queries wait
 QUERY_S_MAX = 10.0
 CHUNK_ROWS = 1_000
+REBUILDING_WAIT_S = 5
+
+# what says that the file, or DuckDB itself, is broken
+UNREADABLE = (
+    duckdb.IOException,
+    duckdb.SerializationException,
+    duckdb.InternalException,
+    duckdb.FatalException,
+)
 
 T = TypeVar("T")
 
@@ -23,10 +33,28 @@ class TooSlow(Refused):
     status = 504
 
 
-class Unreadable(Refused):
-    """The file of the history is damaged."""
+class Rebuilding(Refused):
+    """DuckDB does not have all the rows that the query needs: it is behind, or built anew."""
 
     status = 503
+    wait_s = REBUILDING_WAIT_S
+
+    def __init__(self, have: int, need: int) -> None:
+        """Take how far it is and how far it must be, as positions of the ledger."""
+        percent = 100 * have // max(need, have, 1)
+        super().__init__(
+            "errHistoryRebuilding",
+            f"The history of ended orders is being rebuilt, {percent} % are done: try again later. "
+            "Live orders, commands, robots and scenes are served.",
+            percent,
+        )
+
+
+class Cursors(Protocol):
+    """Opens cursors on a history that has every row up to a position; raises Rebuilding."""
+
+    def __call__(self, need: int = 0, /) -> duckdb.DuckDBPyConnection:
+        """Open one."""
 
 
 class Reader:
@@ -34,8 +62,8 @@ class Reader:
 
     def __init__(
         self,
-        cursor: Callable[[], duckdb.DuckDBPyConnection],
-        damaged: Callable[[str], None] | None = None,
+        cursor: Cursors,
+        damaged: Callable[[duckdb.Error], None] = lambda trouble: None,
         query_s_max: float = QUERY_S_MAX,
     ) -> None:
         """Take what opens cursors, and what is told when the file cannot be read."""
@@ -44,17 +72,22 @@ class Reader:
         self._query_s_max = query_s_max
         self._threads = ThreadPoolExecutor(READERS, thread_name_prefix="reader")
 
-    async def run(self, work: Callable[[duckdb.DuckDBPyConnection], T]) -> T:
-        """Do work with a cursor of its own; raises TooSlow when its time is up."""
-        one = _One(self._cursor())
+    async def run(self, work: Callable[[duckdb.DuckDBPyConnection], T], need: int = 0) -> T:
+        """Do work with a cursor of its own on rows up to a position.
+
+        Raises Rebuilding where they are not there, TooSlow when its time is up.
+        """
+        one = _One(self._cursor(need))
         try:
             return await self._limited(one, work)
         finally:
             self._threads.submit(one.close)
 
-    async def stream(self, sql: str, parameters: Sequence[Any]) -> AsyncIterator[list[Any]]:
+    async def stream(
+        self, sql: str, parameters: Sequence[Any], need: int = 0
+    ) -> AsyncIterator[list[Any]]:
         """Give rows in chunks, so that an answer of any length needs little memory."""
-        one = _One(self._cursor())
+        one = _One(self._cursor(need))
         try:
             await self._limited(one, lambda cursor: cursor.execute(sql, list(parameters)))
             while chunk := await self._limited(one, lambda c: c.fetchmany(CHUNK_ROWS)):
@@ -65,10 +98,16 @@ class Reader:
     async def _limited(self, one: "_One", work: Callable[[duckdb.DuckDBPyConnection], T]) -> T:
         loop = asyncio.get_running_loop()
         timer: asyncio.TimerHandle | None = None
+        late = False
 
         def begin() -> None:  # waiting for a thread does not count
             nonlocal timer
-            timer = loop.call_later(self._query_s_max, one.cursor.interrupt)
+            timer = loop.call_later(self._query_s_max, break_off)
+
+        def break_off() -> None:
+            nonlocal late
+            late = True
+            one.interrupt()
 
         def timed() -> T:
             loop.call_soon_threadsafe(begin)
@@ -77,20 +116,20 @@ class Reader:
         try:
             return await loop.run_in_executor(self._threads, timed)
         except duckdb.InterruptException:
+            if not late:  # not by us: the file is being closed under it
+                raise Rebuilding(0, 0) from None
             raise TooSlow(
                 "errQueryTooSlow",
                 f"The query took longer than {self._query_s_max:g} s; narrow it down.",
                 self._query_s_max,
             ) from None
-        except (duckdb.IOException, duckdb.InternalException, duckdb.FatalException) as trouble:
-            if self._damaged is not None:
-                self._damaged(str(trouble))
-            raise Unreadable(
-                "errHistoryUnreadable",
-                "Ended orders cannot be read now; the next start of the server mends that.",
-            ) from trouble
+        except duckdb.ConnectionException:  # closed already
+            raise Rebuilding(0, 0) from None
+        except UNREADABLE as trouble:
+            self._damaged(trouble)
+            raise Rebuilding(0, 0) from trouble
         except asyncio.CancelledError:
-            one.cursor.interrupt()  # the caller has gone
+            one.interrupt()  # the caller has gone
             raise
         finally:
             if timer is not None:
@@ -115,6 +154,10 @@ class _One:
     def do(self, work: Callable[[duckdb.DuckDBPyConnection], T]) -> T:
         with self._busy:
             return work(self.cursor)
+
+    def interrupt(self) -> None:
+        with suppress(duckdb.ConnectionException):  # it is closed
+            self.cursor.interrupt()
 
     def close(self) -> None:
         """Close it when the thread that uses it has finished."""

@@ -15,6 +15,8 @@ from projections.live import Live
 _event: msgspec.json.Decoder[AnyEvent] = msgspec.json.Decoder(AnyEvent)
 _order = msgspec.json.Decoder(Order)
 
+NEWS_MAX = 50_000  # events read from the ledger itself; behind more, DuckDB is waited for
+
 _EVENTS = 'SELECT body FROM events WHERE order_id = ? AND "position" <= ? ORDER BY "position"'
 _ENDED = (
     "SELECT body FROM orders_done WHERE scene_id = ? AND done_position <= ? "
@@ -37,7 +39,8 @@ class Stories:
     def story(self, order: OrderId) -> Sequence[AnyEvent]:
         """Give all events of an order that are on disk."""
         projected = self._history.position
-        with self._history.cursor() as cursor:
+        behind = self._history.newest - NEWS_MAX
+        with self._history.cursor(max(projected, behind)) as cursor:
             rows = cursor.execute(_EVENTS, [order, projected]).fetchall()
         found = [_event.decode(body) for (body,) in rows]
         news = self._read(projected)
@@ -47,7 +50,8 @@ class Stories:
         """Give orders of a scene that had ended by a position, newest created first."""
         # memory before DuckDB: an order on its way from one to the other is seen twice, not never
         ended = self._live.ended_by(position)
-        with self._history.cursor() as cursor:
+        need = min(self._live.history_position, position)
+        with self._history.cursor(need) as cursor:
             rows = cursor.execute(_ENDED, [scene, position, limit]).fetchall()
         orders = {order.id: order for order in (_order.decode(body) for (body,) in rows)}
         orders.update((order.id, order) for order in ended if order.scene == scene)

@@ -12,7 +12,7 @@ from ledger.scene import Value
 from ledger.state import Order, Step
 from projections.fields import FIELDS, FieldType
 
-SCHEMA_VERSION = 1  # of the tables; a file of another version is built anew
+SCHEMA_VERSION = 2  # of the tables; a file of another version is built anew
 
 SQL_TYPES: dict[FieldType, str] = {
     FieldType.TEXT: "VARCHAR",
