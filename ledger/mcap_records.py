@@ -10,7 +10,8 @@ from struct import Struct, pack
 MAGIC = b"\x89MCAP0\r\n"
 
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
-METADATA, DATA_END = 0x0C, 0x0F
+MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, METADATA = 0x07, 0x08, 0x0B, 0x0C
+METADATA_INDEX, SUMMARY_OFFSET, DATA_END = 0x0D, 0x0E, 0x0F
 
 RECORD = Struct("<BQ")  # opcode, length of what follows
 # opcode, length, channel, sequence, log time, publish time; the payload follows
@@ -19,6 +20,13 @@ MESSAGE_REST = MESSAGE_HEAD.size - RECORD.size  # of a message's length, beside 
 # opcode, length, first and last log time, size, CRC-32, length of compression ("" here), size again
 CHUNK_HEAD = Struct("<BQQQQIIQ")
 CHUNK_REST = CHUNK_HEAD.size - RECORD.size
+# the same where the compression is named `zstd`; the last size is that of the packed records
+PACKED_HEAD = Struct("<BQQQQII4sQ")
+PACKED_REST = PACKED_HEAD.size - RECORD.size
+ZSTD = b"zstd"
+INDEX_HEAD = Struct("<BQHI")  # opcode, length, channel, bytes of entries
+INDEX_ENTRY = Struct("<QQ")  # log time, offset of the message in the chunk's records
+FOOTER_RECORD = Struct("<BQQQI")  # opcode, length, start of summary, of its offsets, CRC
 
 
 def record(opcode: int, body: bytes) -> bytes:
@@ -83,6 +91,47 @@ def data_end(crc: int) -> bytes:
 def footer() -> bytes:
     """Last record of a file without a summary section."""
     return record(FOOTER, pack("<QQI", 0, 0, 0))
+
+
+def packed_chunk(records: bytes, packed: bytes, first_ns: int, last_ns: int, crc: int) -> bytes:
+    """A chunk whose records are packed by zstd; the CRC is that of the records."""
+    size = len(packed)
+    head = PACKED_HEAD.pack(
+        CHUNK, PACKED_REST + size, first_ns, last_ns, len(records), crc, len(ZSTD), ZSTD, size
+    )
+    return head + packed
+
+
+def message_index(channel_number: int, entries: bytes | bytearray) -> bytes:
+    """Where the messages of one channel lie in the chunk before it."""
+    length = INDEX_HEAD.size - RECORD.size + len(entries)
+    return INDEX_HEAD.pack(MESSAGE_INDEX, length, channel_number, len(entries)) + entries
+
+
+def statistics(
+    counts: dict[int, int],
+    *,
+    schemas: int,
+    channels: int,
+    chunks: int,
+    first_ns: int,
+    last_ns: int,
+) -> bytes:
+    """What a file holds: messages by channel, one Metadata record, no attachments."""
+    totals = pack("<QHIIII", sum(counts.values()), schemas, channels, 0, 1, chunks)
+    by_channel = b"".join(pack("<HQ", *item) for item in sorted(counts.items()))
+    times = pack("<QQI", first_ns, last_ns, len(by_channel))
+    return record(STATISTICS, totals + times + by_channel)
+
+
+def metadata_index(offset: int, length: int, name: str) -> bytes:
+    """Where a Metadata record lies."""
+    return record(METADATA_INDEX, pack("<QQ", offset, length) + text(name))
+
+
+def summary_offset(opcode: int, start: int, length: int) -> bytes:
+    """Where the summary's records of one kind lie."""
+    return record(SUMMARY_OFFSET, pack("<BQQ", opcode, start, length))
 
 
 def read_text(data: bytes | memoryview, at: int) -> tuple[str, int]:

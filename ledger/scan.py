@@ -1,151 +1,28 @@
-"""Reading segments: chunk by chunk, every CRC checked, every position in its place.
+"""Reading segments: chunk by chunk, every CRC checked, every position in its place."""
 
-Our own, for the stock readers cannot tell a clean end from a torn one, and take three times as
-long.
-"""
-
-import os
-import zlib
+import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
+
+import msgspec
 
 from ledger import mcap_records as mcap
+from ledger import sealed
+from ledger.chunks import Chunk, Flaw, Payloads, Tally, chunk_at, damage_of, seek, walk
 from ledger.codec import DECODER, Decoder
 from ledger.errors import LedgerDamaged
 from ledger.events import AnyEvent
-from ledger.scene import Value
+from ledger.measure import trailer_of, unpacked
 from ledger.segment import (
     BEGINNING,
+    NO_HASH,
     TRAILER_BYTES,
     Trailer,
     first_position,
     read_trailer,
     segment_paths,
 )
-
-
-class Chunk(Value, frozen=True, kw_only=True):
-    """Where a whole chunk with a right CRC lies in a buffer."""
-
-    start: int
-    records: int  # where its records begin
-    end: int
-    first_ns: int
-    last_ns: int
-
-
-class Flaw(Value, frozen=True, kw_only=True):
-    """Where the bytes stop being what a writer would have written, and how."""
-
-    offset: int
-    what: str
-
-
-class Tally(Value, frozen=True, kw_only=True):
-    """What has been counted through up to the end of a chunk."""
-
-    sequence: int = 0  # of the next message
-    last_ns: int = 0
-
-
-def chunk_at(data: bytes, start: int, end: int) -> Chunk | Flaw:
-    """Check the frame and the CRC of the chunk at an offset; a CRC of 0 is refused."""
-    if start + mcap.CHUNK_HEAD.size > end:
-        return Flaw(offset=start, what="a chunk's head is cut off")
-    opcode, length, first_ns, last_ns, size, crc, compression, records_size = (
-        mcap.CHUNK_HEAD.unpack_from(data, start)
-    )
-    if opcode != mcap.CHUNK:
-        return Flaw(offset=start, what=f"a chunk should be here, not a record {opcode:#04x}")
-    if compression or size != records_size or length != mcap.CHUNK_REST + size:
-        return Flaw(offset=start, what="a chunk's sizes contradict each other")
-    records = start + mcap.CHUNK_HEAD.size
-    if records + size > end:
-        return Flaw(offset=start, what="a chunk is cut off")
-    if crc == 0 or zlib.crc32(memoryview(data)[records : records + size]) != crc:
-        return Flaw(offset=start, what="a chunk's CRC is wrong")
-    return Chunk(
-        start=start, records=records, end=records + size, first_ns=first_ns, last_ns=last_ns
-    )
-
-
-Payloads = list[memoryview]
-
-
-def walk(data: bytes, chunk: Chunk, tally: Tally, payloads: Payloads | None) -> Tally | Flaw:
-    """Check a chunk's messages against those before: sequence gap-free, log times increasing.
-
-    Collects the payloads where a list is given.
-    """
-    at, sequence, last_ns = chunk.records, tally.sequence, tally.last_ns
-    first_ns, messages = 0, 0
-    whole = memoryview(data)
-    head, size = mcap.MESSAGE_HEAD.unpack_from, mcap.MESSAGE_HEAD.size
-    while at < chunk.end:
-        opcode, length = mcap.RECORD.unpack_from(data, at) if at + 9 <= chunk.end else (0, 0)
-        end = at + mcap.RECORD.size + length
-        if end > chunk.end or opcode not in (mcap.MESSAGE, mcap.SCHEMA, mcap.CHANNEL):
-            return Flaw(offset=at, what=f"a record {opcode:#04x} does not belong into a chunk")
-        if opcode == mcap.MESSAGE:
-            if length < mcap.MESSAGE_REST:
-                return Flaw(offset=at, what="a message is cut off")
-            _, _, _, number, log_ns, _ = head(data, at)
-            if number != sequence:
-                return Flaw(offset=at, what=f"message {number} stands where {sequence} is due")
-            if log_ns <= last_ns:
-                return Flaw(offset=at, what="a message's log time is not after the one before")
-            first_ns = first_ns or log_ns
-            last_ns = log_ns
-            sequence += 1
-            messages += 1
-            if payloads is not None:
-                payloads.append(whole[at + size : end])
-        at = end
-    if not messages or (chunk.first_ns, chunk.last_ns) != (first_ns, last_ns):
-        return Flaw(offset=chunk.start, what="a chunk's times are not those of its messages")
-    return Tally(sequence=sequence, last_ns=last_ns)
-
-
-def later_chunk(data: bytes, start: int, end: int) -> int | None:
-    """Find a whole chunk anywhere behind a flaw: then the flaw is damage, not a torn tail."""
-    at = data.find(mcap.CHUNK, start + 1, end)
-    while at >= 0:
-        if isinstance(chunk_at(data, at, end), Chunk):
-            return at
-        at = data.find(mcap.CHUNK, at + 1, end)
-    return None
-
-
-def sequence_at(data: bytes, chunk_start: int, end: int) -> int | None:
-    """Sequence of the first message of a chunk, without checking it; None where there is none."""
-    at = chunk_start + mcap.CHUNK_HEAD.size
-    while at + mcap.MESSAGE_HEAD.size <= end:
-        opcode, length = mcap.RECORD.unpack_from(data, at)
-        if opcode == mcap.MESSAGE:
-            sequence: int = mcap.MESSAGE_HEAD.unpack_from(data, at)[3]
-            return sequence
-        if opcode not in (mcap.SCHEMA, mcap.CHANNEL):
-            return None
-        at += mcap.RECORD.size + length
-    return None
-
-
-def seek(data: bytes, start: int, end: int, sequence: int) -> tuple[int, int]:
-    """Find the chunk that holds a message: its offset and first sequence.
-
-    Hops over the chunks before it by their lengths alone, as those are not going to be used.
-    Whatever looks wrong ends the hopping, and the strict reading that follows will name it.
-    """
-    at, first = start, 0
-    while at + mcap.CHUNK_HEAD.size <= end:
-        following = at + mcap.RECORD.size + mcap.RECORD.unpack_from(data, at)[1]
-        if data[at] != mcap.CHUNK or following >= end:
-            break
-        coming = sequence_at(data, following, end)
-        if coming is None or coming > sequence or coming <= first:
-            break
-        at, first = following, coming
-    return at, first
 
 
 def events_between(
@@ -158,59 +35,137 @@ def events_between(
     base: int = 0,
     lenient: bool = False,
 ) -> Iterator[list[AnyEvent]]:
-    """Read chunk after chunk; raises LedgerDamaged at the first flaw.
+    """Read chunk after chunk of a live segment; raises LedgerDamaged at the first flaw.
 
     `base` is the file offset of the buffer. A lenient reader takes what it cannot read at the end
     for a commit in the making, unless a whole chunk follows.
     """
-    first, decode = first_position(path), decoder.decode
     while start < end:
         chunk = chunk_at(data, start, end)
-        payloads: Payloads = []
-        after: Tally | Flaw
-        after = walk(data, chunk, tally, payloads) if isinstance(chunk, Chunk) else chunk
-        if isinstance(after, Flaw) or isinstance(chunk, Flaw):
-            assert isinstance(after, Flaw)
-            if lenient and later_chunk(data, start, end) is None:
+        if isinstance(chunk, Flaw):
+            flaw = damage_of(data, chunk, start, end) if lenient else chunk
+            if flaw is None:
                 return
-            position = first + tally.sequence
-            raise LedgerDamaged(path, base + after.offset, after.what, position)
-        _check_schemas(data, chunk, decoder)
-        events = [decode(payload) for payload in payloads]
-        position = first + tally.sequence
-        for event in events:
-            if event.position != position:
-                what = f"an event at {position} says that it is at {event.position}"
-                raise LedgerDamaged(path, base + chunk.start, what, position)
-            position += 1
+            position = first_position(path) + tally.sequence
+            raise LedgerDamaged(path, base + flaw.offset, flaw.what, position)
+        events, tally = _events_of(path, data, chunk, tally, decoder, base + start)
         yield events
-        start, tally = chunk.end, after
+        start = chunk.end
 
 
-def _check_schemas(data: bytes, chunk: Chunk, decoder: Decoder) -> None:
+def sealed_events(
+    path: Path,
+    file: BinaryIO,
+    contents: sealed.Contents,
+    after: int,
+    decoder: Decoder = DECODER,
+    chunks: int | None = None,
+) -> Iterator[list[AnyEvent]]:
+    """Read chunk after chunk of a sealed segment, from the one that holds position after + 1.
+
+    Raises LedgerDamaged at the first flaw; reads no more than so many chunks of the file.
+    """
+    for body in contents.schemas:
+        _check_schema(path, body, decoder)
+    tally, first = Tally(), first_position(path)
+    for block in contents.blocks[:chunks]:
+        if first + tally.sequence + block.messages - 1 <= after:
+            tally = Tally(sequence=tally.sequence + block.messages)
+            continue
+        records = sealed.unpack_block(file, block)
+        if isinstance(records, Flaw):
+            raise LedgerDamaged(path, records.offset, records.what, first + tally.sequence)
+        chunk = unpacked(block, records)
+        events, tally = _events_of(path, records, chunk, tally, decoder, block.start, True)
+        yield events
+
+
+def _events_of(
+    path: Path,
+    data: bytes,
+    chunk: Chunk,
+    tally: Tally,
+    decoder: Decoder,
+    offset: int,
+    packed: bool = False,
+) -> tuple[list[AnyEvent], Tally]:
+    """Decode a whole chunk that lies at a file offset; raises LedgerDamaged."""
+    position = first_position(path) + tally.sequence
+    payloads: Payloads = []
+    after = walk(data, chunk, tally, payloads)
+    if isinstance(after, Flaw):
+        at = offset if packed else offset + after.offset - chunk.start
+        raise LedgerDamaged(path, at, after.what, position)
+    _check_schemas(path, data, chunk, decoder)
+    decode = decoder.decode
+    try:
+        events = [decode(payload) for payload in payloads]
+    except msgspec.DecodeError as error:  # the CRC is right: somebody wrote it so
+        what = f"an event cannot be read: {error}"
+        raise LedgerDamaged(path, offset, what, position) from error
+    for event in events:
+        if event.position != position:
+            what = f"an event at {position} says that it is at {event.position}"
+            raise LedgerDamaged(path, offset, what, position)
+        position += 1
+    return events, after
+
+
+def _check_schemas(path: Path, data: bytes, chunk: Chunk, decoder: Decoder) -> None:
     """Refuse shapes that this program is too old for. Schemas come before a chunk's messages."""
     at = chunk.records
     while at < chunk.end and data[at] != mcap.MESSAGE:
         opcode, length = mcap.RECORD.unpack_from(data, at)
         body = at + mcap.RECORD.size
         if opcode == mcap.SCHEMA:
-            decoder.check(*mcap.read_schema(memoryview(data)[body : body + length]))
+            _check_schema(path, memoryview(data)[body : body + length], decoder)
         at = body + length
 
 
-def trailer_of(path: Path) -> tuple[Trailer, int] | None:
-    """Trailer and data CRC of a finished segment, from its end alone; None if it is unfinished."""
-    with path.open("rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - TRAILER_BYTES))
-        return read_trailer(file.read())
+def _check_schema(path: Path, body: bytes | memoryview, decoder: Decoder) -> None:
+    try:
+        decoder.check(*mcap.read_schema(body))
+    except (struct.error, UnicodeDecodeError, msgspec.DecodeError) as error:
+        what = f"a schema cannot be read: {error}"
+        raise LedgerDamaged(path, 0, what, first_position(path)) from error
 
 
 def read_segment(
     path: Path, after: int, until: int | None, newest: bool, decoder: Decoder = DECODER
 ) -> Iterator[AnyEvent]:
     """Events of one file with after < position ≤ until. Only the newest may be unfinished."""
-    data = path.read_bytes()
+    with path.open("rb") as file:  # once: a sealed segment may take the name's place meanwhile
+        last = first_position(path) - 1
+        if sealed.is_sealed(file):
+            contents = sealed.read_contents(file)
+            if isinstance(contents, Flaw):
+                raise LedgerDamaged(path, contents.offset, contents.what, last + 1)
+            trailer: Trailer | None = contents.trailer
+            end = contents.named_at
+            batches = sealed_events(path, file, contents, after, decoder)
+        else:
+            file.seek(0)
+            trailer, end, batches = _live(path, file.read(), after, newest, decoder)
+        if trailer is not None and trailer.first != last + 1:
+            what = f"its trailer says that it begins at position {trailer.first}"
+            raise LedgerDamaged(path, end, what, last + 1)
+        for events in batches:
+            last = events[-1].position
+            if last <= after:
+                continue
+            for event in events:
+                if until is not None and event.position > until:
+                    return
+                if event.position > after:
+                    yield event
+    if trailer is not None and trailer.last > after and trailer.last != last:
+        what = f"it ends at position {last}, its trailer says {trailer.last}"
+        raise LedgerDamaged(path, end, what, last)
+
+
+def _live(
+    path: Path, data: bytes, after: int, newest: bool, decoder: Decoder
+) -> tuple[Trailer | None, int, Iterator[list[AnyEvent]]]:
     first = first_position(path)
     found = read_trailer(data[-TRAILER_BYTES:])
     if not data.startswith(BEGINNING):
@@ -219,21 +174,10 @@ def read_segment(
         raise LedgerDamaged(path, len(data), "it has no trailer, but a successor", first)
     end = len(data) if found is None else len(data) - TRAILER_BYTES
     start, sequence = seek(data, len(BEGINNING), end, max(0, after + 1 - first))
-    last = first + sequence - 1
-    for events in events_between(
-        path, data, start, end, Tally(sequence=sequence), decoder, lenient=found is None
-    ):
-        last = events[-1].position
-        if last <= after:
-            continue
-        for event in events:
-            if until is not None and event.position > until:
-                return
-            if event.position > after:
-                yield event
-    if found is not None and found[0].last != last:
-        what = f"it ends at position {last}, its trailer says {found[0].last}"
-        raise LedgerDamaged(path, end, what, last)
+    tally = Tally(sequence=sequence)
+    lenient = found is None
+    batches = events_between(path, data, start, end, tally, decoder, lenient=lenient)
+    return None if found is None else found[0], end, batches
 
 
 def read_folder(
@@ -246,7 +190,7 @@ def read_folder(
     paths = segment_paths(directory)
     firsts = [first_position(path) for path in paths]
     if paths and firsts[0] != 1:
-        raise LedgerDamaged(paths[0], 0, "the ledger's first segment is missing", 1)
+        raise LedgerDamaged(paths[0], 0, "position 1 is missing before it", 1)
     due: int | None = None
     for number, path in enumerate(paths):
         newest = number + 1 == len(paths)
@@ -256,6 +200,18 @@ def read_folder(
             return
         if due is not None and firsts[number] != due:
             raise LedgerDamaged(path, 0, f"position {due} is missing before it", due)
+        _check_follows(path, paths[number - 1] if number else None)
         for event in read_segment(path, after, until, newest, decoder):
             due = event.position + 1
             yield event
+
+
+def _check_follows(path: Path, before: Path | None) -> None:
+    """Compare what a segment says that it follows with what the one before it says that it is."""
+    own = trailer_of(path)
+    other = None if before is None else trailer_of(before)
+    if own is None or (before is not None and other is None):
+        return  # the newest is not finished, or reading will say what is wrong
+    if own.predecessor != (NO_HASH if other is None else other.sha256):
+        what = "it does not follow the segment before it: the hashes differ"
+        raise LedgerDamaged(path, 0, what, first_position(path))

@@ -88,6 +88,22 @@ for _key, _size in (("first", 20), ("last", 20), ("predecessor", 64), ("sha256",
 _CRC = slice(len(_SAMPLE.record()) + mcap.RECORD.size, len(_SAMPLE.record()) + mcap.RECORD.size + 4)
 
 
+def parse_trailer_record(record: bytes) -> Trailer | None:
+    """Read a Metadata record; None unless every byte is as we would have written it."""
+    if len(record) != len(_SAMPLE.record()):
+        return None
+    if not (record[_VALUES["first"]].isdigit() and record[_VALUES["last"]].isdigit()):
+        return None
+    words = {key: record[where].decode("latin-1") for key, where in _VALUES.items()}
+    trailer = Trailer(
+        first=int(words["first"]),
+        last=int(words["last"]),
+        predecessor=words["predecessor"],
+        sha256=words["sha256"],
+    )
+    return trailer if trailer.record() == record else None
+
+
 def read_trailer(tail: bytes) -> tuple[Trailer, int] | None:
     """Read the last TRAILER_BYTES of a file: the trailer and the CRC of the data section, or None.
 
@@ -95,15 +111,9 @@ def read_trailer(tail: bytes) -> tuple[Trailer, int] | None:
     """
     if len(tail) != TRAILER_BYTES or not tail.endswith(ENDING):
         return None
-    if not (tail[_VALUES["first"]].isdigit() and tail[_VALUES["last"]].isdigit()):
+    trailer = parse_trailer_record(tail[: len(_SAMPLE.record())])
+    if trailer is None:
         return None
-    words = {key: tail[where].decode("latin-1") for key, where in _VALUES.items()}
-    trailer = Trailer(
-        first=int(words["first"]),
-        last=int(words["last"]),
-        predecessor=words["predecessor"],
-        sha256=words["sha256"],
-    )
     crc = int.from_bytes(tail[_CRC], "little")
     written = trailer.record() + mcap.data_end(crc) + ENDING
     return (trailer, crc) if tail == written else None

@@ -13,12 +13,15 @@ from typing import Protocol, Self
 
 import structlog
 
+from ledger.chunks import Tally
+from ledger.damage import Progress, unseen
 from ledger.disk import Disk
-from ledger.errors import Conflict, LedgerBusy, LedgerError, Unknown
+from ledger.errors import Conflict, LedgerBusy, LedgerError, Unknown, next_step
 from ledger.events import AnyEvent
 from ledger.lock import Lock
 from ledger.recovery import Recovered, recover
-from ledger.scan import Tally, events_between, read_segment
+from ledger.scan import events_between, read_segment
+from ledger.sealed import is_sealed
 from ledger.segment import (
     SEGMENT_BYTES_MAX,
     SEGMENT_CHUNKS_MAX,
@@ -139,17 +142,20 @@ class FileLedger:
         segment_chunks_max: int = SEGMENT_CHUNKS_MAX,
         disk: Disk | None = None,
         threaded: bool = True,
+        snapshots: Path | None = None,
+        progress: Progress = unseen,
     ) -> Self:
         """Lock the folder of segments (made if missing), mend a torn tail, be ready to append.
 
-        Raises LedgerLocked, LedgerDamaged.
+        Checks every byte of it first, and that the ledger reaches as far as the snapshots where
+        their folder is given. Raises LedgerLocked, LedgerDamaged.
         """
         disk = disk or Disk()
         disk.make_folder(directory)
         lock = Lock(directory)
         try:
             disk.sync_folder(directory.parent)
-            found = recover(disk, directory)
+            found = recover(disk, directory, snapshots, progress)
         except BaseException:
             lock.close()
             raise
@@ -168,7 +174,7 @@ class FileLedger:
         position = check_stamps(events, expected)
         with self._filled:
             if self._failure is not None:
-                raise Unknown(str(self._failure)) from self._failure
+                raise _again(self._failure)
             if self._closing:
                 raise Unknown("the ledger is closed")
             if expected != self.position:
@@ -204,7 +210,7 @@ class FileLedger:
             if self._told >= position:
                 return True
         if self._failure is not None:
-            raise Unknown(str(self._failure)) from self._failure
+            raise _again(self._failure)
         return done
 
     def read(self, after: int, until: int | None = None) -> Iterator[AnyEvent]:
@@ -229,8 +235,12 @@ class FileLedger:
             end = writer.offsets[behind] if behind < len(writer.offsets) else writer.size
             sequence = writer.index[number] - writer.first
         with writer.path.open("rb") as file:
+            swapped = is_sealed(file)  # since the caller began to read
             file.seek(start)
             data = file.read(end - start)
+        if swapped:
+            yield from read_segment(writer.path, after, until, newest=False)
+            return
         tally = Tally(sequence=sequence)
         for events in events_between(writer.path, data, 0, len(data), tally, base=start):
             for event in events:
@@ -242,11 +252,14 @@ class FileLedger:
         with self._filled:
             self._closing = True
             self._filled.notify()
-        if self._thread is None:
-            self._run()
-        elif self._thread is not threading.current_thread():
-            self._thread.join()
-        if self._thread is not threading.current_thread():
+        if self._thread is threading.current_thread():
+            return
+        try:
+            if self._thread is None:
+                self._run()
+            else:
+                self._thread.join()
+        finally:
             self._lock.close()
 
     def step(self) -> bool:
@@ -336,6 +349,7 @@ class FileLedger:
         """Stop for good: after a failed sync nobody knows what the disk holds; never try again."""
         failure = Unknown(f"the ledger stopped at position {self.durable}: {error}")
         failure.__cause__ = error
+        failure.hint = next_step(error) or failure.hint
         log.error("ledger failed", position=self.durable, error=repr(error))
         with self._filled:
             self._failure = failure
@@ -347,6 +361,13 @@ class FileLedger:
             self._writer.close()
         for report in self._reports:
             report(failure)
+
+
+def _again(failure: LedgerError) -> Unknown:
+    """Tell one more caller: an exception that is raised twice would keep both their frames."""
+    told = Unknown(str(failure))
+    told.hint, told.__cause__ = failure.hint, failure
+    return told
 
 
 class MemoryLedger:

@@ -6,8 +6,11 @@ import pytest
 from mcap.reader import make_reader
 
 from ledger.errors import LedgerDamaged
+from ledger.evolve import fold
 from ledger.scan import read_folder
 from ledger.segment import BEGINNING, TRAILER_BYTES
+from ledger.snapshot import save
+from ledger.state import Fleet
 from ledger.store import FileLedger
 from tests.histories import history
 from tests.ledger.folders import commit_each, in_threes, killed, written
@@ -93,7 +96,9 @@ def test_a_wrong_bit_before_a_whole_commit_is_damage(
     for offset in (0, 3, 20, 30, 36, 45, 49, 70, size // 2, size - 1):
         wrong = bytearray(raw)
         wrong[starts[commit] + offset] ^= 0x10
-        with pytest.raises(LedgerDamaged, match=r"and a whole commit follows") as caught:
+        # what a whole chunk says is under its CRC; only its head may be torn
+        words = "and a whole commit follows|times are not those of its messages"
+        with pytest.raises(LedgerDamaged, match=words) as caught:
             reopened(tmp_path, bytes(wrong))
         assert caught.value.position is not None
         assert 3 * commit < caught.value.position <= 3 * commit + 3
@@ -218,13 +223,51 @@ def test_a_finished_newest_segment_that_is_not_what_it_says_is_damage(folder: Pa
         assert path.read_bytes() == wrong
 
 
-def test_old_segments_are_checked_when_they_are_read(folder: Path) -> None:
+def test_every_segment_is_checked_at_start_and_when_it_is_read(folder: Path) -> None:
     path = folder / f"{7:020}.mcap"
-    wrong = bytearray(path.read_bytes())
+    right = path.read_bytes()
+    wrong = bytearray(right)
     wrong[len(BEGINNING) + 300] ^= 1
+    words = f"{7:020}.mcap, byte {len(BEGINNING)}, position 7: a chunk's CRC is wrong"
     path.write_bytes(wrong)
+    with pytest.raises(LedgerDamaged, match=words):
+        FileLedger.open(folder)
+    path.write_bytes(right)
     ledger = FileLedger.open(folder)
-    with pytest.raises(LedgerDamaged, match=f"{7:020}.mcap, byte {len(BEGINNING)}, position 7"):
+    path.write_bytes(wrong)
+    with pytest.raises(LedgerDamaged, match=words):
         list(ledger.read(0))
     assert list(ledger.read(12)) == EVENTS[12:]
     ledger.close()
+
+
+def test_progress_of_a_start_ends_with_all_bytes(folder: Path) -> None:
+    told: list[tuple[int, int]] = []
+    FileLedger.open(folder, progress=lambda done, total: told.append((done, total))).close()
+    total = sum(path.stat().st_size for path in folder.glob("*.mcap"))
+    assert told[-1] == (total, total) and len(told) == 5
+
+
+def test_a_segment_that_was_never_finished_is_not_taken_for_another(
+    tmp_path: Path, crashed: tuple[bytes, list[int]]
+) -> None:
+    """A copy of an unfinished segment has no trailer that would tell, but its events do."""
+    written(tmp_path, in_threes(EVENTS))
+    copy = tmp_path / f"{31:020}.mcap"
+    copy.write_bytes(crashed[0])
+    with pytest.raises(LedgerDamaged, match="an event at 31 says that it is at 1"):
+        FileLedger.open(tmp_path)
+    assert copy.read_bytes() == crashed[0], "refusing changes nothing"
+
+
+def test_a_ledger_that_ends_before_its_snapshots_is_damage(folder: Path, tmp_path: Path) -> None:
+    snapshots = tmp_path / "snapshots"
+    path = save(snapshots, fold(Fleet(), EVENTS))
+    FileLedger.open(folder, snapshots=snapshots).close()
+    (folder / f"{25:020}.mcap").unlink()
+    words = "the ledger ends at position 24, but here is the state after it"
+    with pytest.raises(LedgerDamaged, match=words) as caught:
+        FileLedger.open(folder, snapshots=snapshots)
+    assert "Restore the newest segments" in caught.value.hint
+    path.write_bytes(path.read_bytes()[:-1])  # a damaged one says nothing: it is a cache
+    FileLedger.open(folder, snapshots=snapshots).close()

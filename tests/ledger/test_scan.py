@@ -4,11 +4,12 @@ import msgspec
 import pytest
 
 from ledger import mcap_records as mcap
+from ledger.chunks import later_chunk
 from ledger.codec import encode, schema_of
 from ledger.errors import LedgerDamaged, LedgerNewer
 from ledger.events import OrderPrioritised, RobotConnected
 from ledger.ids import OrderId, RobotName, SceneId
-from ledger.scan import later_chunk, read_folder
+from ledger.scan import read_folder
 from ledger.segment import BEGINNING
 from tests.histories import history
 from tests.ledger.folders import in_threes, killed, written
