@@ -19,6 +19,7 @@ import structlog
 from prometheus_client import Counter
 
 from fleetledger.callback_post import NoSecret
+from ledger.errors import LedgerError
 from ledger.ids import OrderId
 from projections.callbacks import Callback
 
@@ -197,6 +198,9 @@ class Sender:
         callback = address.lanes[order][0]
         try:
             await self._deliver(address, callback)
+        except LedgerError as trouble:  # to give it up is to append, and the ledger takes nothing
+            log.warning("callback held up", order=order, host=host_of(url), reason=str(trouble))
+            address.put_off(order, self._loop.time() + RETRY_S_MAX)
         except Exception as trouble:  # whatever it was, the callback stays, and others go on
             log.exception("callback held up", order=order, host=host_of(url), reason=str(trouble))
             address.put_off(order, self._loop.time() + HOLD_S)

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -89,6 +90,10 @@ def serve(
         int | None,
         typer.Option(help="Serve RDSCore's robotsStatus: HTTP here, WebSocket one port higher."),
     ] = None,
+    feed_port: Annotated[
+        int | None,
+        typer.Option(help="Port of 127.0.0.1 for followers over zenoh; default: any free one."),
+    ] = None,
     tls_cert: Annotated[
         Path | None, typer.Option(help="Serve HTTPS: PEM file of the certificate chain.")
     ] = None,
@@ -115,6 +120,7 @@ def serve(
             speed=speed,
             seed=seed,
             rdscore_port=rdscore_port,
+            feed_port=feed_port,
             tls_cert=tls_cert,
             tls_key=tls_key,
             log_json=log_json,
@@ -254,8 +260,9 @@ def role_sim(
 
 def _leave(code: int) -> NoReturn:
     """End at once: all is closed, and to take the interpreter apart has DuckDB report leaks."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):  # a file on a full disk
+            stream.flush()
     os._exit(code)
 
 

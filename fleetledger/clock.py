@@ -5,8 +5,13 @@ import time
 from pathlib import Path
 
 import msgspec
+import structlog
 
 KEEP_S = 1.0  # so often a scaled clock's time is written down
+KEPT_MS_MAX = 7_258_118_400_000  # the year 2200: beyond it, a kept time is damage
+AHEAD_MS_MAX = 24 * 3_600_000  # of the wall, before an operator is told
+
+log = structlog.get_logger()
 
 
 class Clock(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,7 +64,41 @@ def wall_ms() -> int:
 def kept_time_ms(data: Path) -> int:
     """Read the time that no process of the last run has passed; 0 where nothing is kept."""
     path = data / "clock"
-    return int(path.read_text()) if path.exists() else 0
+    try:
+        text = path.read_text()
+    except FileNotFoundError:
+        return 0
+    except (OSError, UnicodeDecodeError) as trouble:
+        log.warning("kept time cannot be read and is passed over", reason=str(trouble))
+        return 0
+    text = text.strip()
+    if not text.isdecimal() or len(text) > len(str(KEPT_MS_MAX)) or int(text) > KEPT_MS_MAX:
+        log.warning("kept time is damaged and is passed over", path=str(path), text=text[:40])
+        return 0
+    return int(text)
+
+
+def warn_if_ahead(clock: Clock, newest_ms: int, data: Path) -> None:
+    """Tell an operator whose clock is far behind the ledger's; time goes on from there, not back.
+
+    With a clock that runs faster than the wall that is as it should be.
+    """
+    ahead_ms = clock.base_ms - wall_ms()
+    if clock.speed > 1 or ahead_ms <= AHEAD_MS_MAX:
+        return
+    from_events = newest_ms > wall_ms() + AHEAD_MS_MAX
+    log.warning(
+        "time is far ahead of this machine's clock",
+        hours=ahead_ms // 3_600_000,
+        because="the newest event is from then" if from_events else f"{data / 'clock'} says so",
+        hint="If this machine's clock is wrong, set it. "
+        + (
+            "If the ledger's time is wrong, orders and events keep it until the machine's clock "
+            "has caught up: what is written is never changed."
+            if from_events
+            else "If it is right, stop the server and delete that file."
+        ),
+    )
 
 
 async def keep_time(data: Path, clock: Clock) -> None:
@@ -69,8 +108,15 @@ async def keep_time(data: Path, clock: Clock) -> None:
     clock was; with this it never goes back over a restart (contract).
     """
     path, fresh = data / "clock", data / "clock.new"
+    in_vain = False
     while True:
         ahead_ms = int(2 * KEEP_S * 1000 * clock.speed) if clock.speed > 1 else 0
-        fresh.write_text(str(clock.now_ms() + ahead_ms))
-        fresh.replace(path)
+        try:
+            fresh.write_text(str(clock.now_ms() + ahead_ms))
+            fresh.replace(path)
+            in_vain = False
+        except OSError as trouble:
+            if not in_vain:  # told once; what is kept is behind until the disk takes it again
+                log.warning("time is not kept", reason=str(trouble))
+            in_vain = True
         await asyncio.sleep(KEEP_S)

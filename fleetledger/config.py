@@ -46,6 +46,9 @@ class Settings(BaseSettings):
     speed: float = Field(1.0, gt=0, le=100)
     seed: int = 1
     rdscore_port: int | None = Field(None, ge=0, le=65534)
+    feed_port: int | None = Field(
+        None, ge=0, le=65535, description="Port of 127.0.0.1 for followers over zenoh."
+    )
     snapshot_events: int = Field(EVENTS_APART, ge=1000, description="Events between two snapshots.")
     answers_max: int = Field(
         10_000, ge=1, le=100_000, description="Answers kept for repeated Idempotency-Keys."

@@ -19,6 +19,7 @@ from ledger.errors import LedgerError, Refused
 
 BODY_BYTES_MAX = 1_000_000  # of an ordinary request
 SCENE_BYTES_MAX = 64_000_000  # of an imported scene file
+LEDGER_WAIT_S = "5"  # until who could not be served may try again
 BODY_S_MAX = 30  # for a body to come, of whatever size
 
 Handle = Callable[[Request], Coroutine[Any, Any, Response]]
@@ -109,13 +110,15 @@ def answer_to(trouble: Exception) -> Response | None:
     """Give the answer to an expected trouble; None where it is a bug of ours."""
     if isinstance(trouble, Refused):
         answer = error(trouble.status, trouble.code, trouble.message, trouble.arguments)
-        if isinstance(trouble, Later):
+        if trouble.wait_s is not None:
             answer.headers["Retry-After"] = str(trouble.wait_s)
         return answer
     if isinstance(trouble, ValidationError | RequestValidationError):
         return error(400, *_first_fault(list(trouble.errors())))
     if isinstance(trouble, LedgerError):
-        return error(503, "errLedgerUnavailable", f"{trouble} {trouble.hint}")
+        answer = error(503, trouble.code, f"{trouble} {trouble.hint}")
+        answer.headers["Retry-After"] = LEDGER_WAIT_S
+        return answer
     if isinstance(trouble, HTTPException):
         return error(trouble.status_code, f"errHttp{trouble.status_code}", str(trouble.detail))
     return None

@@ -6,10 +6,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ledger.errors import Refused
+from ledger.errors import Refused, next_step
 
 MODE = 0o600
 BYTES_MAX = 16_000_000
+
+
+class NotWritten(Refused):
+    """The disk did not take a change, which therefore is not in force."""
+
+    status = 503
+
+    def __init__(self, path: Path, trouble: OSError) -> None:
+        """Take the file, and what the system says."""
+        words = f"{path} cannot be written: {trouble.strerror or trouble}. {next_step(trouble)}"
+        super().__init__("errNotWritten", words.strip(), str(path))
 
 
 def read_private(path: Path) -> bytes | None:
@@ -26,10 +37,17 @@ def read_private(path: Path) -> bytes | None:
 
 
 def replace_private(path: Path, data: bytes) -> None:
-    """Replace the file at once or not at all; on disk when this returns. Raises OSError.
+    """Replace the file at once or not at all; on disk when this returns. Raises NotWritten.
 
     The draft is made anew each time: an old one, or a link in its place, is not written through.
     """
+    try:
+        _replace(path, data)
+    except OSError as trouble:
+        raise NotWritten(path, trouble) from trouble
+
+
+def _replace(path: Path, data: bytes) -> None:
     draft = path.with_name(path.name + ".new")
     draft.unlink(missing_ok=True)
     fd = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, MODE)
@@ -51,10 +69,13 @@ def held(path: Path) -> Iterator[None]:
     """Keep other processes from changing the file meanwhile: server and command line both do.
 
     The lock is on a file beside it, since the file itself is replaced; waits for the other one,
-    which holds it for one reading and one writing.
+    which holds it for one reading and one writing. Raises NotWritten.
     """
     lock = path.with_name(path.name + ".lock")
-    fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, MODE)
+    try:
+        fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, MODE)
+    except OSError as trouble:
+        raise NotWritten(path, trouble) from trouble
     try:
         _give_to_owner_of(path.parent, fd)
         fcntl.flock(fd, fcntl.LOCK_EX)

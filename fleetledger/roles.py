@@ -97,6 +97,7 @@ class SchedulerRole:
         self._cache = cache
         self._follower = FeedFollower(bus)
         self._inbox = Inbox()
+        self._in_vain = False  # the core takes no proposals for now
         link = BusLink(bus)
         devices = BusDevices(bus)
         fleet = self._follower.start()
@@ -123,6 +124,10 @@ class SchedulerRole:
     def _propose(self, proposals: Sequence[AnyProposal]) -> Sequence[AnyEvent]:
         raw = msgspec.json.encode(proposals)
         answer = _answers.decode(self._bus.ask(PROPOSE_KEY, raw, timeout_s=PROPOSE_S_MAX)[0])
+        if bool(answer.unavailable) is not self._in_vain:  # told once, not at every pass
+            self._in_vain = not self._in_vain
+            words = "proposals are not taken" if self._in_vain else "proposals are taken again"
+            log.warning(words, reason=answer.unavailable)
         for refused in answer.refused:
             log.info("refused", proposal=repr(proposals[refused.index]), reason=refused.code)
         self._follower.wait(answer.position, FOLLOW_S_MAX)

@@ -16,6 +16,7 @@ from ledger.link import DoorReport, ToDevice
 from ledger.scene import Scene
 from ledger.state import Fleet
 from sim.devices import Devices
+from sim.memory import Memory
 
 log = structlog.get_logger()
 
@@ -31,7 +32,7 @@ class DeviceLink:
         """`memory` is the robots' file; that of the devices lies beside it."""
         self.devices = Devices()
         self._bus = bus
-        self._memory = None if memory is None else memory.with_name(f"{memory.name}.devices")
+        self._memory = Memory(memory and memory.with_name(f"{memory.name}.devices"))
         self._inbox: deque[tuple[SceneId, bytes]] = deque(maxlen=INBOX_MAX)
         self._scenes: list[Scene] = []
         self._now_ms: int | None = None
@@ -42,9 +43,10 @@ class DeviceLink:
     def start(self, fleet: Fleet, now_ms: int) -> None:
         """Remember the last run, and listen."""
         self._now_ms = now_ms
-        if self._memory is not None and self._memory.exists():
+        kept = self._memory.read()
+        if kept is not None:
             try:
-                self.devices.load(self._memory.read_bytes())
+                self.devices.load(kept)
             except (msgspec.DecodeError, ValueError) as error:
                 log.warning("simulated doors begin closed", reason=str(error))
         self._follow(fleet)
@@ -86,10 +88,8 @@ class DeviceLink:
 
     def _report(self, now_ms: int, *, changed_only: bool) -> None:
         changed = self.devices.reports(now_ms, changed_only=True)
-        if changed and self._memory is not None:
-            new = self._memory.with_suffix(".new")
-            new.write_bytes(self.devices.save())
-            new.replace(self._memory)  # a kill in between leaves the one before
+        if changed:
+            self._memory.save(self.devices.save)
         for report in changed if changed_only else self.devices.reports(now_ms):
             if isinstance(report, DoorReport):
                 key = door_report_key(report.scene, report.door)

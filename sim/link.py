@@ -28,6 +28,7 @@ from ledger.link import ToRobot
 from ledger.state import Fleet, Robot
 from sim.device_link import DeviceLink
 from sim.devices import Devices
+from sim.memory import Memory
 from sim.world import World
 
 log = structlog.get_logger()
@@ -71,7 +72,7 @@ class SimRole:
         self._follower = follower
         self._world = world
         self._devices = DeviceLink(bus, memory)
-        self._memory = memory
+        self._memory = Memory(memory)
         self._report_ms = report_ms
         self._fleet = Fleet()
         self._inbox: deque[tuple[SceneId, bytes]] = deque(
@@ -92,9 +93,10 @@ class SimRole:
     def start(self, now_ms: int) -> None:
         """Remember the last run, and connect the robots that the fleet has."""
         self._now_ms = now_ms
-        if self._memory is not None and self._memory.exists():
+        kept = self._memory.read()
+        if kept is not None:
             try:
-                self._world.load(self._memory.read_bytes())
+                self._world.load(kept)
             except (msgspec.DecodeError, ValueError) as error:
                 log.warning("simulated robots are placed anew", reason=str(error))
         self._fleet = self._follower.start()
@@ -124,8 +126,8 @@ class SimRole:
 
     def close(self) -> None:
         """Disconnect all robots, and save where they are."""
-        if self._memory is not None and self._now_ms is not None:
-            self._save(self._memory)
+        if self._now_ms is not None:
+            self._memory.save(self._world.save)
         for let_go in self._tokens.values():
             let_go()
         self._tokens.clear()
@@ -231,14 +233,8 @@ class SimRole:
                 every_ms = max(scene.config.state_fetch_ms, 1)
                 self._rest_due_ms[scene.id] = now_ms - now_ms % every_ms + every_ms
         reports = self._world.reports(now_ms, changed_only=True, whole=whole)
-        if reports and self._memory is not None:
-            self._save(self._memory)
+        if reports:
+            self._memory.save(self._world.save)
         for report in reports:
             key = report_key(report.scene, report.robot)
             self._bus.publish(key, self._encoder.encode(report))
-
-    def _save(self, memory: Path) -> None:
-        """Replace the file whole; a kill in between leaves the one before."""
-        new = memory.with_suffix(".new")
-        new.write_bytes(self._world.save())
-        new.replace(memory)

@@ -128,19 +128,29 @@ class Access:
     async def tell_refusals(self) -> None:
         """State what was refused since the last time."""
         refused = self.refusals.taken()
-        if refused:
-            await self._durable(self._append(GATE, self._handler.now_ms(), refused))
+        if not refused:
+            return
+        try:
+            position = self._append(GATE, self._handler.now_ms(), refused)
+        except LedgerError:
+            self.refusals.put_back(refused)
+            raise
+        await self._durable(position)
 
     async def watch(self) -> None:
         """Look after the files and the audit until cancelled."""
         told_s = self._now_s()
+        trouble_before = ""
         while True:
             await asyncio.sleep(LOOK_S)
             try:
                 await self._look(self._now_s() - told_s >= TELL_S)
+                trouble_before = ""
             except (Refused, OSError, LedgerError) as trouble:
                 # what is in force stays in force; next second we look again
-                log.error("access is not looked after", reason=str(trouble))
+                if type(trouble).__name__ != trouble_before:
+                    trouble_before = type(trouble).__name__
+                    log.error("access is not looked after", reason=str(trouble))
             if self._now_s() - told_s >= TELL_S:
                 told_s = self._now_s()
 
@@ -150,7 +160,7 @@ class Access:
             await self.tell_changes()
             await self.tell_refusals()
             await self.sessions.keep()
-        except (OSError, LedgerError) as trouble:
+        except (Refused, OSError, LedgerError) as trouble:
             log.error("the end of the audit is missing", reason=str(trouble))
 
     async def _look(self, tell: bool) -> None:

@@ -45,6 +45,8 @@ class Sessions:
             except msgspec.DecodeError as trouble:
                 words = f"{self._path} is damaged ({trouble}): remove it, and all sign in again."
                 raise Refused("errSessionsDamaged", words, str(self._path)) from trouble
+            for session in self._sessions.values():
+                self._brought_back(session, now_ms())
 
     def begin(self, name: str, user: User) -> str:
         """Begin a session and give its token; `keep` must follow."""
@@ -62,6 +64,7 @@ class Sessions:
         if found is None:
             return None
         now_ms = self._now_ms()
+        self._brought_back(found, now_ms)
         if _over(found, now_ms):
             return None
         if now_ms - found.used_ms >= USED_APART_MS:
@@ -77,6 +80,8 @@ class Sessions:
     def tidy(self, still: Callable[[Session], bool]) -> None:
         """Forget those that are over, and those whose user may not call any more."""
         now_ms = self._now_ms()
+        for session in self._sessions.values():
+            self._brought_back(session, now_ms)
         over = [d for d, s in self._sessions.items() if _over(s, now_ms) or not still(s)]
         for digest in over:
             del self._sessions[digest]
@@ -94,6 +99,16 @@ class Sessions:
             except BaseException:
                 self._changed = True
                 raise
+
+    def _brought_back(self, session: Session, now_ms: int) -> None:
+        """Let a session whose times are to come begin now: the wall was set back.
+
+        It goes on, and no longer than any other that begins now.
+        """
+        if session.used_ms > now_ms + USED_APART_MS or session.since_ms > now_ms + USED_APART_MS:
+            session.since_ms = min(session.since_ms, now_ms)
+            session.used_ms = min(session.used_ms, now_ms)
+            self._changed = True
 
     def _make_room(self, name: str) -> None:
         own = [d for d, session in self._sessions.items() if session.user == name]

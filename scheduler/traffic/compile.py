@@ -3,6 +3,7 @@
 import hashlib
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path as FilePath
 from typing import Any
@@ -149,11 +150,15 @@ def _save(file: FilePath, cells: Cells, places: Places, moves: Moves) -> None:
     }
     for name, (indptr, indices) in rows.items():
         arrays[f"{name}_indptr"], arrays[f"{name}_indices"] = indptr, indices
-    file.parent.mkdir(parents=True, exist_ok=True)
     beside = file.with_suffix(f".{os.getpid()}.tmp")
-    with beside.open("wb") as out:
-        np.savez(out, **arrays)  # type: ignore[arg-type]
-    beside.replace(file)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with beside.open("wb") as out:
+            np.savez(out, **arrays)  # type: ignore[arg-type]
+        beside.replace(file)
+    except OSError:  # a full disk, say: it is a cache, and the next start compiles again
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
 
 
 def _load(file: FilePath) -> tuple[Cells, Places, Moves] | None:
