@@ -117,6 +117,11 @@ class Inspection:
                 progress(done, total)
         return done
 
+    def alone(self, path: Path) -> None:
+        """Inspect one file, whatever stands before it."""
+        self._lost = True
+        self.segment(path, None, newest=True)
+
     def segment(self, path: Path, ends: Ends | None, *, newest: bool) -> None:
         """Inspect one file against those before it; `ends` if its CRCs are known to be right."""
         first = first_position(path)

@@ -10,7 +10,8 @@ LedgerError
 ├── LedgerDiverged   what was followed is not the core's history
 ├── LedgerLocked     another process has the ledger open
 ├── LedgerLost       there was a ledger, and it is gone
-└── LedgerNewer      written by a newer program
+├── LedgerNewer      written by a newer program
+└── NotSealed        a segment could not be packed, and stays as it is
 """
 
 import errno
@@ -148,6 +149,16 @@ class LedgerNewer(LedgerError):
     """The ledger has event types or shapes that this program does not know."""
 
     hint = "Start a version of fleetledger at least as new as the one that wrote it."
+
+
+class NotSealed(LedgerError):
+    """The packed draft of a segment does not hold what the segment does: it is thrown away."""
+
+    hint = "Nothing is lost. If it happens again, look at the memory and the disk of this machine."
+
+    def __init__(self, draft: Path, offset: int, what: str) -> None:
+        """Take the draft, the byte offset, and what is wrong there."""
+        super().__init__(f"{draft}, byte {offset}: {what}")
 
 
 class Refused(Exception):

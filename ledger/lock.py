@@ -12,9 +12,9 @@ LOCK_NAME = "lock"
 class Lock:
     """Holds the folder until closed. The file stays; only the lock on it counts."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, name: str = LOCK_NAME) -> None:
         """Take the lock, or raise LedgerLocked at once if somebody has it."""
-        path = folder / LOCK_NAME
+        path = folder / name
         fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
