@@ -151,6 +151,11 @@ class Handler:
                 position=self.fleet.position, refused=tuple(refused), events=tuple(events)
             )
 
+    def fall_back(self, fleet: Fleet) -> None:
+        """Stand on what is on disk once the ledger has failed: it takes nothing more from here."""
+        with self._lock:
+            self.fleet = fleet
+
     def _not_before_the_newest(self, command: AnyCommand) -> AnyCommand:
         """Keep the instants of the ledger in order, whatever clock the command came from."""
         if command.at_ms >= self.fleet.at_ms:

@@ -10,6 +10,7 @@ from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
 from ssl import SSLContext
+from typing import Any
 
 import structlog
 from prometheus_client import Gauge
@@ -19,8 +20,10 @@ import commands.api.m4
 import commands.api.scenes
 import projections.api.m4
 import projections.api.rdscore
+import projections.api.sql
 import projections.api.wsm
 import replay.api
+from commands.answers import SetAnswersWindow
 from commands.api.m4_scene_config import wire
 from commands.handle import Handler
 from commands.imports.scene_json import read_scene
@@ -29,22 +32,27 @@ from commands.scenes import ImportScene, scene_digest
 from fleetledger.access import api as access_api
 from fleetledger.access.file import FIRST_APP
 from fleetledger.access.service import Access
+from fleetledger.analyst import Analyst
 from fleetledger.api import build
 from fleetledger.callbacks import Callbacks
-from fleetledger.clock import Clock, keep_time, kept_time_ms, wall_ms
+from fleetledger.clock import Clock, keep_time, kept_time_ms, wall_ms, warn_if_ahead
 from fleetledger.collector import collect_when_idle, tame
 from fleetledger.config import Auth, Settings
+from fleetledger.disk_guard import MB, DiskGuard
 from fleetledger.durability import Durability
+from fleetledger.ending import Ending
 from fleetledger.http import ThinRoute
 from fleetledger.intake import Intake
 from fleetledger.listening import served, tls_of
 from fleetledger.processes import Child
 from fleetledger.proposing import responder
+from fleetledger.rebuild_bar import RebuildBar
 from fleetledger.secrets import Secrets
+from fleetledger.start_check import check_folder, usable
 from ledger.bus import PROPOSE_KEY
 from ledger.errors import LedgerError, Refused
 from ledger.events import AnyEvent
-from ledger.feed import FeedServer
+from ledger.feed import BEAT_S, FeedServer
 from ledger.ids import CommandId, RobotName, SceneId
 from ledger.moment import At
 from ledger.snapshot import Snapshotter, restore
@@ -52,7 +60,7 @@ from ledger.state import Fleet
 from ledger.store import FileLedger
 from ledger.telemetry import CHUNK_MS, TelemetryLog
 from ledger.telemetry_read import plans_at, reports_at
-from ledger.zenoh_bus import ZenohBus
+from ledger.zenoh_bus import LOOPBACK, ZenohBus
 from projections.api.m4_resources import external_map_res
 from projections.api.m4_scene_query import Beside, SceneQueries
 from projections.claims import WAIT_S as CLAIM_WAIT_S
@@ -70,6 +78,8 @@ from replay.source import Source
 log = structlog.get_logger()
 
 POSITION = Gauge("fleetledger_ledger_position", "Newest position on disk")
+HISTORY = Gauge("fleetledger_history_position", "Newest position in DuckDB; 0 while it is opened")
+HISTORY_LAG = Gauge("fleetledger_history_lag_events", "Events that DuckDB does not have yet")
 LIVE_ORDERS = Gauge("fleetledger_live_orders", "Orders not finished")
 CLAIM_WAIT_REAL_S_MIN = 0.5  # for the scheduler's own pace, however fast the clock is
 SWITCH_S = 0.0005  # the committer, back from the disk, would wait 5 ms for a busy event loop
@@ -95,22 +105,30 @@ class Core:
         """Open the ledger and fold it; raises LedgerError where that cannot be."""
         self._settings = settings
         self._loop = loop
-        settings.data.mkdir(parents=True, exist_ok=True)
-        self.ledger = FileLedger.open(settings.ledger)
+        check_folder(settings)
+        with usable(settings.ledger):
+            self.ledger = FileLedger.open(settings.ledger)
+        self.guard = DiskGuard(self.ledger, settings.ledger, settings.disk_reserve_mb * MB)
+        self.guard.check()
         fleet = restore(settings.ledger, settings.snapshots)
         self.secrets = Secrets(settings.data)
         kept_ms = kept_time_ms(settings.data)
         self.clock = Clock.start(max(fleet.at_ms + 1, kept_ms), settings.speed)
-        self.handler = Handler(fleet, self.ledger, self.clock.now_ms, new_id)
+        warn_if_ahead(self.clock, fleet.at_ms, settings.data)
+        self.handler = Handler(fleet, self.guard, self.clock.now_ms, new_id)
         self.live = Live(fleet.copy())
         wait_s = max(CLAIM_WAIT_S / settings.speed, CLAIM_WAIT_REAL_S_MIN)
         self.claims = ClaimWatch(self.live.fleet.claims, wait_s)
-        self.history = History(settings.data / "history.duckdb", self.live)
+        bar = RebuildBar()
+        self.history = History(settings.data / "history.duckdb", self.live, bar.advance)
+        HISTORY.set_function(lambda: self.history.position)
+        HISTORY_LAG.set_function(lambda: max(0, self.history.newest - self.history.position))
         self.callbacks = Callbacks(settings.data, self.handler, self.ledger, self.secrets)
         self.reader = Reader(self.history.cursor, self.history.damaged)
         self.durability = Durability(loop, self.ledger.durable, self._apply)
         self.ledger.listen(self.durability.heard)
         self.moments = Moments(settings.data, read=self.ledger.read)
+        self.analyst = Analyst(settings, lambda: self.live.position)
         self._snapshotter = Snapshotter(settings.snapshots, settings.snapshot_events)
         self._snapshot: asyncio.Task[object] | None = None
 
@@ -121,8 +139,8 @@ class Core:
         POSITION.set(self.live.position)
         LIVE_ORDERS.set(len(self.live.fleet.orders))
         idle = self._snapshot is None or self._snapshot.done()
-        if idle and self._snapshotter.due(self.live.position):
-            write = partial(self._snapshotter.save, self.live.fleet.copy())
+        if idle and not self.guard.low and self._snapshotter.due(self.live.position):
+            write = partial(self._snapshotter.keep, self.live.fleet.copy())
             self._snapshot = self._loop.create_task(asyncio.to_thread(write))
 
     async def keep_gateway_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
@@ -130,7 +148,12 @@ class Core:
         await self.secrets.keep({f"gateway/{scene}/{name}": s for name, s in secrets.items()})
 
     def logs_messages_of(self, scene: SceneId) -> bool:
-        """Tell whether what robots of a scene say is to be kept; called on the event loop."""
+        """Tell whether what robots of a scene say is to be kept; called on the event loop.
+
+        What room is left is the ledger's.
+        """
+        if self.guard.low:
+            return False
         found = self.live.fleet.scenes.get(scene)
         return found is None or not found.config.robot_message_log_off
 
@@ -160,13 +183,28 @@ class Core:
         await self.durability.reached(decision.position)
         log.info("scene", id=decision.made, name=file.name, events=len(decision.events))
 
-    async def forget_askers(self) -> None:
-        """Give up the ground that callers from before this start had asked for: they have gone."""
-        command = LapseMapResources(id=CommandId(new_id()), by="serve", at_ms=self.clock.now_ms())
-        await self.durability.reached(self.handler.handle(command).position)
+    async def begin(self) -> None:
+        """Give up the ground that callers from before this start had asked for, for they have gone;
+        tell the ledger how long answers are to be kept, where that has changed."""
+        head: Any = {"by": "serve", "at_ms": self.clock.now_ms()}
+        self.handler.handle(LapseMapResources(id=CommandId(new_id()), **head))
+        window = SetAnswersWindow(
+            id=CommandId(new_id()),
+            count_max=self._settings.answers_max,
+            age_s_max=self._settings.answers_age_s,
+            **head,
+        )
+        await self.durability.reached(self.handler.handle(window).position)
+
+    def failed(self, failure: LedgerError) -> None:
+        """Hear that the ledger takes nothing more; called on the committer's thread."""
+        self.durability.failed(failure)
+        self.guard.failed(failure)
+        self._loop.call_soon_threadsafe(lambda: self.handler.fall_back(self.live.fleet))
 
     async def close(self) -> None:
         """Write what is queued, keep a snapshot for a quick start, and let the folder go."""
+        await self.analyst.close()
         if self._snapshot is not None:
             await self._snapshot
         await asyncio.to_thread(self.callbacks.close)
@@ -174,7 +212,7 @@ class Core:
         self.reader.close()
         self.history.close()
         if self.live.position > 0:
-            self._snapshotter.save(self.live.fleet)
+            self._snapshotter.keep(self.live.fleet)
 
 
 async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int], None]) -> int:
@@ -185,28 +223,23 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
     loop = asyncio.get_running_loop()
     tls = tls_of(settings)
     core = Core(settings, loop)
-    failures: list[LedgerError] = []
-
-    def failed(failure: LedgerError) -> None:
-        failures.append(failure)
-        core.durability.failed(failure)
-        loop.call_soon_threadsafe(stop.set)
-
-    core.ledger.on_failure(failed)
+    ending = Ending(loop, stop, settings.failure_grace_s, core.failed)
+    core.ledger.on_failure(ending.failed)
     async with AsyncExitStack() as stack:
         stack.push_async_callback(core.close)
         fleet_at = partial(_fleet_at, settings, core.ledger)
         await asyncio.to_thread(core.history.start, core.ledger.read, fleet_at)
         newest = core.live.fleet
-        await asyncio.to_thread(core.callbacks.start, core.ledger.read, fleet_at, newest)
+        with usable(settings.data):
+            await asyncio.to_thread(core.callbacks.start, core.ledger.read, fleet_at, newest)
         for path in settings.scene:
             await core.import_scene(path)
-        await core.forget_askers()
+        await core.begin()
         telemetry = TelemetryLog(
             settings.telemetry, chunk_ms=int(CHUNK_MS * max(1.0, settings.speed))
         )
         stack.callback(telemetry.close)
-        endpoint = f"tcp/127.0.0.1:{_free_port()}"
+        endpoint = f"{LOOPBACK}:{settings.feed_port or _free_port()}"
         bus = ZenohBus(endpoint, ())
         stack.callback(bus.close)
         live = core.live
@@ -221,7 +254,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         )
         intake.start()
         stack.callback(intake.stop)
-        FeedServer(bus, core.ledger, core.visible_fleet)
+        _feed(stack, core, bus)
         bus.respond(PROPOSE_KEY, responder(core.handler, core.ledger))
         access = await _access(stack, core, settings)
         app = _api(core, settings, access)
@@ -232,21 +265,34 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
             stack.push_async_callback(child.stop)
         tame()
         sys.setswitchinterval(SWITCH_S)
-        idle = asyncio.create_task(collect_when_idle(lambda: core.durability.idle))
-        stack.callback(idle.cancel)
-        keeping = asyncio.create_task(keep_time(settings.data, core.clock))
-        stack.callback(keeping.cancel)
+        for looking_after in (
+            collect_when_idle(lambda: core.durability.idle),
+            keep_time(settings.data, core.clock),
+            core.guard.watch(),
+        ):
+            stack.callback(asyncio.create_task(looking_after).cancel)
         stack.callback(core.callbacks.ask_to_stop)
         ready(settings.host, port)
         await stop.wait()
         log.info("stopping", position=core.live.position)
-    for failure in failures:
-        log.critical("ledger failed", reason=str(failure), hint=failure.hint)
-    return 3 if failures else 0
+    return ending.exit_code
 
 
 def _fleet_at(settings: Settings, ledger: FileLedger, position: int) -> Fleet:
     return restore(settings.ledger, settings.snapshots, position=position, read=ledger.read)
+
+
+def _feed(stack: AsyncExitStack, core: Core, bus: ZenohBus) -> None:
+    """Serve the ledger to followers, and tell them where it is also when nothing happens."""
+    feed = FeedServer(bus, core.ledger, core.visible_fleet)
+
+    async def beat() -> None:
+        while True:
+            await asyncio.sleep(BEAT_S)
+            await asyncio.to_thread(feed.beat)  # it may wait for the committer
+
+    beating = asyncio.create_task(beat())
+    stack.callback(beating.cancel)
 
 
 async def _access(stack: AsyncExitStack, core: Core, settings: Settings) -> Access:
@@ -312,6 +358,7 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
         projections.api.m4.router(queries, ThinRoute),
         projections.api.wsm.router(queries),
         replay.api.router(source, ThinRoute),
+        projections.api.sql.router(core.analyst.ask, ThinRoute),
         *core.callbacks.routers(core.durability.reached, core.live.fleet.scenes.get),
     )
     return build(

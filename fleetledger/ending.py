@@ -1,7 +1,7 @@
 """What a server does whose ledger has failed: refuse commands, answer queries a while, and end."""
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import structlog
 
@@ -20,20 +20,19 @@ class Ending:
         loop: asyncio.AbstractEventLoop,
         stop: asyncio.Event,
         grace_s: float,
-        told: Sequence[Callable[[LedgerError], None]],
+        tell: Callable[[LedgerError], None],
     ) -> None:
         """Take how long queries go on, and who is to hear of a failure first, on its thread."""
         self._loop = loop
         self._stop = stop
         self._grace_s = grace_s
-        self._told = told
+        self._tell = tell
         self.exit_code = 0
 
     def failed(self, failure: LedgerError) -> None:
         """Take the news; called on the committer's thread."""
         self.exit_code = FAILED_CODE
-        for tell in self._told:
-            tell(failure)
+        self._tell(failure)
         self._loop.call_soon_threadsafe(self._begin, failure)
 
     def _begin(self, failure: LedgerError) -> None:

@@ -116,7 +116,7 @@ def answer_to(trouble: Exception) -> Response | None:
     if isinstance(trouble, ValidationError | RequestValidationError):
         return error(400, *_first_fault(list(trouble.errors())))
     if isinstance(trouble, LedgerError):
-        answer = error(503, trouble.code, f"{trouble} {trouble.hint}")
+        answer = error(503, trouble.code, f"{str(trouble).rstrip('.')}. {trouble.hint}")
         answer.headers["Retry-After"] = LEDGER_WAIT_S
         return answer
     if isinstance(trouble, HTTPException):

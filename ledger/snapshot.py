@@ -254,6 +254,13 @@ class Snapshotter:
         """
         return position - self._newest >= max(self._apart, 2 * self._live)
 
+    def keep(self, fleet: Fleet) -> None:
+        """Save it, or go without where the disk does not take it: the next is due as any other."""
+        try:
+            self.save(fleet)
+        except OSError as trouble:
+            log.warning("snapshot not written", position=fleet.position, reason=str(trouble))
+
     def save(self, fleet: Fleet) -> Path:
         """Save a copied fleet whose position is durable; call it off the thread that answers."""
         self._newest = max(self._newest, fleet.position)
