@@ -258,6 +258,19 @@ def role_sim(
         children.run_sim(connect, clock, data, seed)
 
 
+@role_app.command("analyst")
+def role_analyst(
+    data: Data,
+    seconds_max: Annotated[float, typer.Option(help="Time of a statement.")],
+    memory_mb: Annotated[int, typer.Option(help="Memory of all statements together.")],
+) -> None:
+    """Answer SQL; ends when standard input closes."""
+    with told():
+        from fleetledger import analyst_role
+
+        analyst_role.run_analyst(data, seconds_max, memory_mb)
+
+
 def _leave(code: int) -> NoReturn:
     """End at once: all is closed, and to take the interpreter apart has DuckDB report leaks."""
     for stream in (sys.stdout, sys.stderr):

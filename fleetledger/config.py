@@ -62,6 +62,10 @@ class Settings(BaseSettings):
     failure_grace_s: float = Field(
         30.0, ge=0, le=3600, description="How long queries go on once the ledger has failed."
     )
+    sql_seconds: float = Field(30.0, gt=0, le=600, description="Time of a statement of /api/sql.")
+    sql_memory_mb: int = Field(
+        1000, ge=200, le=100_000, description="Memory of all statements of /api/sql together."
+    )
     tls_cert: Path | None = Field(None, description="PEM file of the certificate chain.")
     tls_key: Path | None = Field(None, description="PEM file of its key.")
     log_json: bool = False

@@ -126,15 +126,16 @@ def sql(data: Path, statement: str, form: Format) -> None:
     """Print the rows of one SELECT."""
     with _bar("reading history") as advance:
         answer = run_sql(data, statement, partial(read_folder, data / "ledger"), advance)
+    names = [column.name for column in answer.columns]
     if form is Format.JSON:
-        rows = [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
+        rows = [dict(zip(names, row, strict=True)) for row in answer.rows]
         sys.stdout.buffer.write(msgspec.json.encode(rows, enc_hook=str) + b"\n")
     elif form is Format.CSV:
         writer = csv.writer(sys.stdout)
-        writer.writerow(answer.columns)
+        writer.writerow(names)
         writer.writerows(answer.rows)
     else:
-        table = Table(*answer.columns)
+        table = Table(*names)
         for row in answer.rows:
             table.add_row(*("" if value is None else str(value) for value in row))
         out.print(table)

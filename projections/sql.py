@@ -1,33 +1,33 @@
-"""Analytics: one SELECT over documented views of orders, steps, events and robots.
+"""Analytics: one question over documented views of what is in the ledger, within limits."""
 
-It works on a copy of its own, so it may run beside the server, can change nothing, and sees every
-event that is on disk. The statement has no access to files or network, and limited time and rows.
-"""
-
-import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from threading import Timer
+from shutil import copyfile
+from threading import Event as Flag
+from threading import Thread
 from typing import Any, Protocol
 
 import duckdb
+import msgspec
 
 from ledger.errors import Refused
 from ledger.events import AnyEvent
 from ledger.scene import Value
 from ledger.snapshot import restore
-from ledger.state import Fleet
-from projections.archive import CATCH_UP_EVENTS, Archive
-from projections.projector import Projector
-from projections.sql_views import ROBOTS, VIEWS, PlacedRobot, shown
-from projections.tables import ORDERS, STEPS, Column, Placed, arrow, ddl, steps_of
+from projections.analytics import Analytics
+from projections.sql_policy import checked, invalid
+from projections.sql_values import plain_column
 
 SECONDS_MAX = 60.0
 ROWS_MAX = 1_000_000
-MEMORY_MAX = "2GB"
+BYTES_MAX = 64_000_000  # of the rows, as JSON
+BATCH_ROWS = 500
+PRESS_S = 0.05  # a statement that is to stop is told so again and again: between steps it is deaf
+FILE = "analytics.duckdb"
 
-ALLOWED = ("SELECT", "EXPLAIN")
+Read = Callable[[int], Iterator[AnyEvent]]  # events behind a position, in order
 
 
 class Progress(Protocol):
@@ -37,150 +37,165 @@ class Progress(Protocol):
         """Take the figures."""
 
 
-class SqlAnswer(Value, frozen=True, kw_only=True):
-    """Rows of a statement; `cut` tells that there were more."""
+class SqlColumn(Value, frozen=True, kw_only=True):
+    """A column of an answer, with its type in DuckDB's words."""
 
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    name: str
+    type: str
+
+
+class SqlAnswer(Value, frozen=True, kw_only=True):
+    """Rows of a statement, safe for JSON; `cut` tells that there were more."""
+
+    columns: tuple[SqlColumn, ...]
+    rows: tuple[list[Any], ...]
     cut: bool = False
+    position: int  # of the newest event that they know
+
+
+class SqlTooSlow(Refused):
+    """Its time is up."""
+
+    status = 504
+
+
+class Breaker:
+    """Breaks a statement off when its time is up, or when told to."""
+
+    def __init__(self, cursor: duckdb.DuckDBPyConnection, seconds_max: float) -> None:
+        """Take who runs it; `with` is the time in which it runs."""
+        self._cursor = cursor
+        self._seconds_max = seconds_max
+        self._wake, self._done = Flag(), Flag()
+        self.broken = False
+
+    def __enter__(self) -> "Breaker":
+        Thread(target=self._watch, name="breaker", daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._done.set()
+        self._wake.set()
+
+    def stop(self) -> None:
+        """Nobody wants the answer any more."""
+        self._wake.set()
+
+    def _watch(self) -> None:
+        self._wake.wait(self._seconds_max)
+        while not self._done.is_set():
+            self.broken = True
+            self._cursor.interrupt()
+            self._done.wait(PRESS_S)
+
+
+def ask(
+    cursor: duckdb.DuckDBPyConnection,
+    statement: str,
+    breaker: Breaker,
+    *,
+    rows_max: int = ROWS_MAX,
+    bytes_max: int = BYTES_MAX,
+    seconds_max: float = SECONDS_MAX,
+) -> SqlAnswer:
+    """Answer a statement as of one position, and close the cursor.
+
+    Raises Refused that says what is wrong with the statement.
+    """
+    try:
+        with breaker:
+            question = checked(cursor, statement)
+            cursor.execute("BEGIN TRANSACTION READ ONLY").fetchall()
+            ((position,),) = cursor.execute("SELECT position FROM checkpoint").fetchall()
+            return _answer(cursor, question, breaker, int(position), rows_max, bytes_max)
+    except duckdb.InterruptException:
+        raise SqlTooSlow(
+            "errSqlTooSlow",
+            f"The statement took longer than {seconds_max:g} s; narrow it down.",
+            seconds_max,
+        ) from None
+    except (duckdb.OutOfMemoryException, MemoryError):
+        words = "The statement takes more memory than statements get; narrow it down."
+        raise Refused("errSqlTooLarge", words) from None
+    except (duckdb.Error, UnicodeDecodeError) as trouble:
+        raise invalid(str(trouble)) from None
+    finally:
+        cursor.close()  # and with it the transaction, and what nobody fetched
+
+
+def _answer(
+    cursor: duckdb.DuckDBPyConnection,
+    question: duckdb.Statement,
+    breaker: Breaker,
+    position: int,
+    rows_max: int,
+    bytes_max: int,
+) -> SqlAnswer:
+    rows: list[list[Any]] = []
+    size, cut = 0, False
+    relation = cursor.sql(question)
+    if relation is None:
+        raise invalid("The statement gives no rows.")
+    columns = tuple(
+        SqlColumn(name=name, type=str(type_))
+        for name, type_ in zip(relation.columns, relation.types, strict=True)
+    )
+    for batch in relation.to_arrow_reader(BATCH_ROWS):
+        some = [list(row) for row in zip(*map(plain_column, batch.columns), strict=True)]
+        size += len(msgspec.json.encode(some))
+        rows += some
+        if breaker.broken:
+            raise duckdb.InterruptException
+        if size > bytes_max:
+            words = f"The rows are more than {bytes_max} bytes: ask for fewer, or for less of each."
+            raise Refused("errSqlTooLarge", words, bytes_max)
+        if len(rows) > rows_max:
+            cut = True
+            break
+    return SqlAnswer(columns=columns, rows=tuple(rows[:rows_max]), cut=cut, position=position)
 
 
 def run_sql(
     data: Path,
     statement: str,
-    read: Callable[[int], Iterator[AnyEvent]],
+    read: Read,
     progress: Progress = lambda done, total: None,
     *,
     seconds_max: float = SECONDS_MAX,
     rows_max: int = ROWS_MAX,
 ) -> SqlAnswer:
-    """Answer one SELECT over a data folder; raises Refused that says what is wrong with it.
+    """Answer one statement over a data folder, of a server that runs or not; changes nothing.
 
-    `read` gives the events behind a position. The history file is copied where no server holds
-    it, and made anew in memory where one does.
+    `read` gives the events behind a position. The server's own tables are copied where it keeps
+    some and does not hold them, and made anew in a temporary folder where it does.
     """
     with tempfile.TemporaryDirectory(prefix="fleetledger-sql-") as folder:
-        fleet = restore(data / "ledger", data / "snapshots")
-        archive = _copied(data / "history.duckdb", Path(folder), read, fleet)
+        newest = restore(data / "ledger", data / "snapshots").position
+        fleet_at = partial(_fleet_at, data)
+        copy = _copied(data / FILE, Path(folder))
+        analytics = Analytics.open(copy, read, fleet_at, newest, spill=Path(folder) / "spill")
         try:
-            projector = Projector(
-                restore(data / "ledger", data / "snapshots", position=archive.position)
-                if archive.position
-                else Fleet()
-            )
-            _catch_up(archive, projector, read, fleet.position, progress)
-            cursor = archive.cursor()
-            _fill(cursor, fleet)
-            return query(cursor, statement, seconds_max=seconds_max, rows_max=rows_max)
+            analytics.catch_up(read, newest, progress)
+            cursor = analytics.cursor()
+            breaker = Breaker(cursor, seconds_max)
+            return ask(cursor, statement, breaker, rows_max=rows_max, seconds_max=seconds_max)
         finally:
-            archive.close()
+            analytics.close()
 
 
-def query(
-    connection: duckdb.DuckDBPyConnection,
-    statement: str,
-    *,
-    seconds_max: float = SECONDS_MAX,
-    rows_max: int = ROWS_MAX,
-) -> SqlAnswer:
-    """Lock the database down, and run a statement on it."""
-    connection.execute(f"SET memory_limit = '{MEMORY_MAX}'")
-    connection.execute("SET enable_external_access = false")
-    connection.execute("SET lock_configuration = true")
-    timer = Timer(seconds_max, connection.interrupt)
+def _fleet_at(data: Path, position: int) -> Any:
+    return restore(data / "ledger", data / "snapshots", position=position)
+
+
+def _copied(path: Path, folder: Path) -> Path:
+    """Give the place of a copy; there is none where the file is held, or is not there."""
+    copy = folder / path.name
     try:
-        parsed = connection.extract_statements(statement)
-        if len(parsed) != 1 or parsed[0].type.name not in ALLOWED:
-            kinds = ", ".join(p.type.name for p in parsed) or "none"
-            raise Refused("errSqlNotAllowed", f"Give one SELECT statement, not: {kinds}.", kinds)
-        timer.start()
-        found = connection.execute(parsed[0])
-        columns = tuple(str(column[0]) for column in found.description or ())
-        rows = found.fetchmany(rows_max + 1)
-    except duckdb.InterruptException:
-        raise Refused(
-            "errQueryTooSlow", f"The statement took longer than {seconds_max:g} s.", seconds_max
-        ) from None
-    except duckdb.Error as trouble:
-        raise Refused("errSqlInvalid", str(trouble)) from None
-    finally:
-        timer.cancel()
-    return SqlAnswer(columns=columns, rows=tuple(rows[:rows_max]), cut=len(rows) > rows_max)
-
-
-def _copied(
-    path: Path, folder: Path, read: Callable[[int], Iterator[AnyEvent]], fleet: Fleet
-) -> Archive:
-    """Give a copy of the history if it can be had and is of this ledger, or an empty one."""
-    try:
-        with duckdb.connect(str(path), read_only=True):  # no server writes while we hold it
-            copy = folder / path.name
-            shutil.copyfile(path, copy)
+        with duckdb.connect(str(path), read_only=True):  # nobody writes while we hold it
+            copyfile(path, copy)
             wal = path.with_name(path.name + ".wal")
             if wal.exists():
-                shutil.copyfile(wal, copy.with_name(wal.name))
+                copyfile(wal, copy.with_name(wal.name))
     except (duckdb.Error, OSError):
-        return Archive.open(None)
-    archive = Archive.open(copy)
-    if archive.position <= fleet.position and archive.belongs_to(read):
-        return archive
-    archive.close()
-    return Archive.open(None)
-
-
-def _catch_up(
-    archive: Archive,
-    projector: Projector,
-    read: Callable[[int], Iterator[AnyEvent]],
-    until: int,
-    progress: Progress,
-) -> None:
-    for event in read(archive.position):
-        if event.position > until:
-            break
-        projector.take(event)
-        if len(projector.events) == CATCH_UP_EVENTS:
-            archive.commit(projector)
-            progress(archive.position, until)
-    archive.commit(projector)
-
-
-def _fill(cursor: duckdb.DuckDBPyConnection, fleet: Fleet) -> None:
-    """Add what is live, and define the views."""
-    names = {scene.id: scene.name for scene in fleet.scenes.values()}
-    groups = {(s.id, g.id): g.name for s in fleet.scenes.values() for g in s.groups}
-    placed = [
-        Placed(order=order, scene_name=names[order.scene], position=0)
-        for order in fleet.orders.values()
-    ]
-    robots = [
-        PlacedRobot(
-            robot=robot,
-            scene_name=names[robot.scene],
-            group=groups.get((robot.scene, robot.config.group), ""),
-        )
-        for robot in fleet.robots.values()
-    ]
-    cursor.execute("ALTER TABLE events RENAME TO events_all")
-    _put(cursor, "orders_live", ORDERS, placed)
-    cursor.execute("UPDATE orders_live SET done_position = NULL")
-    _put(cursor, "steps_live", STEPS, [step for order in placed for step in steps_of(order)])
-    _put(cursor, "robots_live", ROBOTS, robots)
-    for view in VIEWS:
-        columns = ", ".join(shown(column) for column in view.columns)
-        parts = (f"SELECT {columns} FROM {table}" for table in view.tables)
-        cursor.execute(f"CREATE VIEW {view.name} AS {' UNION ALL '.join(parts)}")
-        cursor.execute(f"COMMENT ON VIEW {view.name} IS '{view.doc}'")
-
-
-def _put(
-    cursor: duckdb.DuckDBPyConnection,
-    table: str,
-    columns: Sequence[Column[Any]],
-    rows: Sequence[Any],
-) -> None:
-    cursor.execute(ddl(table, columns))
-    if rows:
-        cursor.register("fresh", arrow(columns, rows))
-        cursor.execute(f"INSERT INTO {table} SELECT * FROM fresh")
-        cursor.unregister("fresh")
+        copy.unlink(missing_ok=True)
+    return copy

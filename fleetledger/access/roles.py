@@ -39,6 +39,7 @@ POST /api/fleet/scenes/{sceneId}/calc-move-costs
 POST /api/fleet/scenes/{sceneId}/query-all
 GET  /api/ledger/position
 GET  /api/ledger/events
+POST /api/sql
 GET  /api/ledger/state
 GET  /api/replay/frame
 GET  /api/replay/map
