@@ -97,14 +97,14 @@ def seal(disk: Disk, path: Path, stopped: Stopped = never) -> Sealed | None:
         if whole:
             disk.settle(draft)
             _compare(draft, measured, trailer)
+            size = draft.stat().st_size
+            disk.rename(draft, path)
     except BaseException:
         _discard(disk, draft)
         raise
     if not whole:
         _discard(disk, draft)
         return None
-    size = draft.stat().st_size
-    disk.rename(draft, path)
     return Sealed(
         path=path, events=measured.tally.sequence, bytes_before=len(data), bytes_after=size
     )
@@ -123,11 +123,12 @@ def _right(path: Path) -> Measured:
     look.alone(path)
     for finding in look.damage:
         raise finding.error()
-    newest = look.newest
-    if newest is None or not newest.finished:
-        size = path.stat().st_size
-        raise LedgerDamaged(path, size, "it has no trailer, but a successor", first_position(path))
-    return newest.measured
+    assert look.newest is not None
+    measured = look.newest.measured
+    if not look.newest.finished:
+        position = first_position(path) + measured.tally.sequence
+        raise LedgerDamaged(path, measured.end, "it has no trailer, but a successor", position)
+    return measured
 
 
 class _Draft:

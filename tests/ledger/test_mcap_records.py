@@ -2,7 +2,20 @@ import io
 import zlib
 
 from mcap.data_stream import RecordBuilder
-from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Metadata, Schema
+from mcap.records import (
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 from mcap.stream_reader import StreamReader
 
 from ledger import mcap_records as mcap
@@ -37,6 +50,40 @@ def test_our_records_are_the_librarys_byte_for_byte() -> None:
             uncompressed_crc=zlib.crc32(b"records"),
             uncompressed_size=7,
         )
+    )
+
+
+def test_the_records_of_a_summary_are_the_librarys_byte_for_byte() -> None:
+    assert mcap.packed_chunk(b"records", b"packed", 3, 9, 77) == by_the_library(
+        Chunk(
+            compression="zstd",
+            data=b"packed",
+            message_start_time=3,
+            message_end_time=9,
+            uncompressed_crc=77,
+            uncompressed_size=7,
+        )
+    )
+    entries = mcap.INDEX_ENTRY.pack(3, 0) + mcap.INDEX_ENTRY.pack(9, 40)
+    assert mcap.message_index(7, entries) == by_the_library(MessageIndex(7, [(3, 0), (9, 40)]))
+    assert mcap.statistics(
+        {7: 2, 3: 5}, schemas=2, channels=4, chunks=6, first_ns=3, last_ns=9
+    ) == by_the_library(
+        Statistics(
+            attachment_count=0,
+            channel_count=4,
+            channel_message_counts={3: 5, 7: 2},
+            chunk_count=6,
+            message_count=7,
+            message_end_time=9,
+            message_start_time=3,
+            metadata_count=1,
+            schema_count=2,
+        )
+    )
+    assert mcap.metadata_index(5, 6, "n") == by_the_library(MetadataIndex(5, 6, "n"))
+    assert mcap.summary_offset(mcap.SCHEMA, 5, 6) == by_the_library(
+        SummaryOffset(group_opcode=mcap.SCHEMA, group_start=5, group_length=6)
     )
 
 
