@@ -3,8 +3,8 @@
 Keys are slash-separated; a subscription may end in `/**`. Handlers may run on a foreign thread
 (zenoh's) and must only hand the message over. `MemoryBus` delivers at once, in the caller's thread.
 
-core ─ `fleet/events` (JSON array of events, one message per commit) ─► everybody
-core ─ answers `fleet/state` (the Fleet), `fleet/events/after` (events behind a position)
+core ─ `fleet/events` (`ledger.feed.Told`: one for each commit, and one each second) ─► everybody
+core ─ answers `fleet/state` (the Fleet), `fleet/events/after` (`Told` behind a position)
 scheduler ─ asks `fleet/propose` (JSON array of proposals) ─► core
 robot ─ `scenes/S/robots/R/report` ─► scheduler, core
 robot is there as long as its token is: `scenes/S/robots/R/alive`

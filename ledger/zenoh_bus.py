@@ -12,13 +12,16 @@ from urllib.parse import unquote
 import structlog
 import zenoh
 
-from ledger.bus import Handler, Responder, Watcher
+from ledger.bus import EVENTS_AFTER_KEY, EVENTS_KEY, Handler, Responder, Watcher
+from ledger.errors import Refused
 
 LOOPBACK = "tcp/127.0.0.1"
 CONNECT_RETRY_MS = 100
 CONNECT_RETRY_MS_MAX = 1000
 LEASE_MS = 10_000  # how long a peer that hangs without closing its connection counts as there
-LOSSY = ("/report", "/plans")  # the next one replaces it; never hold up a planner for one
+# the next one replaces it, or shows that it is missing: a listener that stalls holds up nobody
+LOSSY = ("/report", "/plans", EVENTS_KEY, EVENTS_AFTER_KEY)
+QUEUE_BATCHES = 16  # of 64 kB wait for each neighbour (zenoh's most), before anything is lost
 
 log = structlog.get_logger()
 
@@ -33,6 +36,12 @@ def _escaped(part: str) -> str:
     return "".join(f"%{ord(c):02X}" if c in "%*$?#" else c for c in part)
 
 
+def _under_load(key: str) -> zenoh.CongestionControl:
+    """Say what happens where a neighbour does not read: to wait costs 5 s (measured)."""
+    drop = key.endswith(LOSSY)
+    return zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK
+
+
 def _key(expression: zenoh.KeyExpr) -> str:
     return unquote(str(expression))
 
@@ -43,7 +52,7 @@ class ZenohBus:
     def __init__(self, listen: str | None, connect: Sequence[str] = ()) -> None:
         """Listen on one endpoint, or none, and keep trying to connect to others.
 
-        Raises zenoh.ZError where the endpoint cannot be listened on.
+        Raises Refused where the endpoint cannot be listened on.
         """
         config = zenoh.Config()
         settings: dict[str, object] = {
@@ -60,10 +69,15 @@ class ZenohBus:
                 "period_max_ms": CONNECT_RETRY_MS_MAX,
             },
             "transport/link/tx/lease": LEASE_MS,
+            "transport/link/tx/queue/size/data": QUEUE_BATCHES,
         }
         for name, value in settings.items():
             config.insert_json5(name, json.dumps(value))
-        self._session = zenoh.open(config)
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as trouble:
+            words = f"The bus cannot listen on {listen}; choose another port: {trouble}"
+            raise Refused("errCannotListen", words, listen) from trouble
         self._lock = threading.Lock()
         self._kept: list[object] = []  # subscriptions end when nobody holds them
         self._there: dict[str, threading.Event] = {}
@@ -74,15 +88,13 @@ class ZenohBus:
             self._kept.append(thing)
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Send to all who subscribe now; reports and plans may be lost under load, others wait.
+        """Send to all who subscribe now; reports, plans and events may be lost under load.
 
         Once closed it talks to nobody: a proposal may still be decided while the server ends, and
         what it leads to must not look like a ledger that cannot be listened to.
         """
-        drop = key.endswith(LOSSY)
-        how = zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK
         try:
-            self._session.put(_expression(key), payload, congestion_control=how)
+            self._session.put(_expression(key), payload, congestion_control=_under_load(key))
         except zenoh.ZError:
             if not self._closed:
                 raise
@@ -147,7 +159,7 @@ class ZenohBus:
             timeout=timeout_s,
             # by default only one of all answers under one key would arrive
             consolidation=zenoh.ConsolidationMode.NONE,
-            congestion_control=zenoh.CongestionControl.BLOCK,
+            congestion_control=_under_load(key),  # of the answers too
         )
         answers: list[bytes] = []
         for reply in replies:

@@ -56,14 +56,16 @@ def test_a_message_reaches_the_subscribers_of_another_session(
     assert got.get(timeout=WAIT_S) == ("scenes/S/robots/R 1#?*/tell", b"go")
 
 
-def test_events_arrive_all_and_in_order(core: ZenohBus, other: ZenohBus) -> None:
+def test_messages_that_wait_for_slow_readers_arrive_all_and_in_order(
+    core: ZenohBus, other: ZenohBus
+) -> None:
     got: queue.Queue[bytes] = queue.Queue()
-    other.subscribe("fleet/events", lambda key, payload: got.put(payload))
+    other.subscribe("fleet/all", lambda key, payload: got.put(payload))
     other.respond("subscribed", lambda question: [b"yes"])
     assert core.ask("subscribed") == [b"yes"]
     sent = [str(n).encode() * 50 for n in range(5_000)]
     for payload in sent:
-        core.publish("fleet/events", payload)
+        core.publish("fleet/all", payload)
     assert [got.get(timeout=WAIT_S) for _ in sent] == sent
 
 
