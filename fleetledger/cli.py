@@ -205,16 +205,27 @@ def replay(
 @app.command()
 def export(
     data: Folder,
-    rrd: Annotated[Path, typer.Option(help="Rerun recording to write.")],
-    scene: Annotated[str | None, typer.Option(help="Id of one scene; default: the first.")] = None,
+    rrd: Annotated[Path | None, typer.Option(help="Rerun recording to write.")] = None,
+    parquet: Annotated[
+        Path | None, typer.Option(help="Folder for Parquet files of orders, steps and events.")
+    ] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="Id of one scene; default: the first, in Parquet all.")
+    ] = None,
     since: Annotated[str | None, typer.Option("--from", help="First moment.")] = None,
     until: Annotated[str | None, typer.Option("--to", help="Last moment.")] = None,
 ) -> None:
-    """Write a stretch of history as a Rerun recording."""
+    """Write a stretch of history: a Rerun recording, or Parquet files by day (UTC, days whole).
+
+    In Parquet orders and their steps stand in the day in which they ended.
+    A rerun replaces whole days. The server may run meanwhile.
+    """
     with told():
         from fleetledger import offline
 
-        offline.export(data, rrd, scene=scene, since=since, until=until)
+        offline.export(
+            data, rrd=rrd, parquet=parquet, scene=scene, since=since, until=until
+        )
 
 
 @app.command()
@@ -223,7 +234,7 @@ def sql(
     statement: Annotated[str, typer.Argument(help="One SELECT over the views of docs/sql.md.")],
     form: Annotated[Format, typer.Option("--format", help="How to print.")] = Format.TABLE,
 ) -> None:
-    """Ask the history in SQL: views `orders`, `steps`, `events` and `robots`; read-only."""
+    """Ask the history in SQL: the views of docs/sql.md; read-only, beside a server or without."""
     with told():
         from fleetledger import offline
 

@@ -22,6 +22,7 @@ from ledger.scan import read_folder
 from ledger.scene import Group, SceneFile
 from ledger.telemetry_read import reports_at
 from ledger.verify import verify as verify_folder
+from projections.parquet import export_parquet
 from projections.sql import run_sql
 from replay.export import export_rrd
 from replay.moment import Moments
@@ -112,11 +113,32 @@ def replay(data: Path, *, at: str, scene: str | None, as_json: bool, rerun: bool
 
 
 def export(
-    data: Path, rrd: Path, *, scene: str | None, since: str | None, until: str | None
+    data: Path,
+    *,
+    rrd: Path | None,
+    parquet: Path | None,
+    scene: str | None,
+    since: str | None,
+    until: str | None,
 ) -> None:
-    """Write a Rerun recording."""
+    """Write a Rerun recording, or Parquet files by day, or both."""
+    if rrd is None and parquet is None:
+        raise Refused("errFieldMissing", "Say what to write: '--rrd FILE' or '--parquet FOLDER'.")
     from_ms = parse_time(since, "--from") if since is not None else None
     to_ms = parse_time(until, "--to") if until is not None else None
+    if parquet is not None:
+        read = partial(read_folder, data / "ledger")
+        with _bar("writing Parquet") as advance:
+            wrote = export_parquet(
+                data, parquet, read, scene=scene, from_ms=from_ms, to_ms=to_ms, progress=advance
+            )
+        people.print(
+            f"{parquet}: {wrote.orders} ended orders, {wrote.steps} steps and {wrote.events} "
+            f"events of {wrote.days} days; read them with "
+            f"`SELECT * FROM '{parquet}/orders/*/*.parquet'` in DuckDB"
+        )
+    if rrd is None:
+        return
     with _bar("recording") as advance:
         export_rrd(data, rrd, scene=scene, from_ms=from_ms, to_ms=to_ms, progress=advance)
     people.print(f"{rrd}: {rrd.stat().st_size / 1e6:.1f} MB; open it with `rerun {rrd}`")
