@@ -163,3 +163,21 @@ def test_a_client_generated_from_the_document_drives_the_server(
     )
     assert (refused.status_code, refused.parsed.code) == (400, "errSceneNotFound")
     client.get_httpx_client().close()
+
+
+# what changes nothing in the fleet: questions, and access, whose answers hold secrets
+NO_COMMANDS = ("/api/entity/", "/api/sign-", "/api/access/", "/api/replay/", "/api/sql")
+QUESTIONS = ("/query-all", "/calc-move-costs")
+
+
+def test_every_command_takes_an_idempotency_key(document: dict[str, Any]) -> None:
+    posts = {path: item["post"] for path, item in document["paths"].items() if "post" in item}
+    taking = {
+        path
+        for path, operation in posts.items()
+        if "Idempotency-Key" in [p["name"] for p in operation.get("parameters", ())]
+    }
+    asking = {path for path in posts if path.startswith(NO_COMMANDS) or path.endswith(QUESTIONS)}
+    assert posts.keys() - asking == taking
+    for path, item in document["paths"].items():
+        assert not item.keys() & {"put", "patch", "delete"}, f"{path}: a command by another method"
