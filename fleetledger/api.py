@@ -12,6 +12,7 @@ from starlette.types import ASGIApp
 
 from fleetledger.access.callers import Callers
 from fleetledger.access.roles import Policy
+from fleetledger.durability import Then
 from fleetledger.http import FastLane, ThinRoute, install_errors
 from fleetledger.middleware import Gate, Refusing
 from fleetledger.openapi import completed, operation_id
@@ -32,6 +33,7 @@ def build(
     refused: Refusing,
     position: Callable[[], int],
     wait: Callable[[int], Awaitable[bool]],
+    when: Callable[[int, Then], None],
 ) -> ASGIApp:
     """Put the dialects' routes together; `callers` tells who calls, `refused` hears of refusals.
 
@@ -57,13 +59,16 @@ def build(
         return app.openapi_schema
 
     app.openapi = openapi  # type: ignore[method-assign] # FastAPI's documented way
+    lane = FastLane(app, routers)
     return Gate(
-        FastLane(app, routers),
+        lane,
         callers=callers,
         policy=policy,
         refused=refused,
         position=position,
         wait=wait,
+        quick=lane.quick,
+        when=when,
     )
 
 

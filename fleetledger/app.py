@@ -1,8 +1,6 @@
 """Composition root of the core process: opens everything in order, and closes it in reverse."""
 
 import asyncio
-import random
-import secrets
 import socket
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -44,6 +42,7 @@ from fleetledger.ending import Ending
 from fleetledger.http import ThinRoute
 from fleetledger.intake import Intake
 from fleetledger.listening import served, tls_of
+from fleetledger.new_id import new_id
 from fleetledger.processes import Child
 from fleetledger.proposing import responder
 from fleetledger.rebuild_bar import RebuildBar
@@ -84,18 +83,6 @@ LIVE_ORDERS = Gauge("fleetledger_live_orders", "Orders not finished")
 CLAIM_WAIT_REAL_S_MIN = 0.5  # for the scheduler's own pace, however fast the clock is
 SWITCH_S = 0.0005  # the committer, back from the disk, would wait 5 ms for a busy event loop
 COPY_S_MAX = 5.0  # a loop that is stopping answers nobody
-
-
-_ids = random.Random(secrets.randbits(256))
-
-
-def new_id() -> str:
-    """Make an id like M4's: 24 hexadecimal digits. Unique, but no secret.
-
-    Asking the system for chance each time lets go of the interpreter's lock, and to get it back
-    took longer than deciding the order (measured under load).
-    """
-    return f"{_ids.getrandbits(96):024X}"
 
 
 class Core:
@@ -367,6 +354,7 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
         refused=access.refusals.refused,
         position=lambda: core.live.position,
         wait=core.live.wait,
+        when=core.durability.when,
     )
 
 

@@ -4,9 +4,13 @@ import asyncio
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TypeAlias
 
 from ledger.errors import LedgerError
 from ledger.events import AnyEvent
+
+Then: TypeAlias = Callable[[LedgerError | None], None]  # told of the failure, None = it is on disk
 
 
 class Durability:
@@ -28,7 +32,7 @@ class Durability:
         self._lock = threading.Lock()
         self._commits: deque[Sequence[AnyEvent]] = deque()
         self._woken = False
-        self._waiters: deque[tuple[int, asyncio.Future[None]]] = deque()  # by position
+        self._waiters: deque[tuple[int, Then]] = deque()  # by position
         self._failure: LedgerError | None = None
 
     def heard(self, events: Sequence[AnyEvent]) -> None:
@@ -51,28 +55,41 @@ class Durability:
             self._apply(events)
             self.position = events[-1].position
         while self._waiters and self._waiters[0][0] <= self.position:
-            waiter = self._waiters.popleft()[1]
-            if not waiter.done():  # its client may have gone
-                waiter.set_result(None)
+            self._waiters.popleft()[1](None)
 
     def _fail(self, failure: LedgerError) -> None:
         self._failure = failure
-        for _, waiter in self._waiters:
-            if not waiter.done():
-                waiter.set_exception(failure)
-        self._waiters.clear()
+        waiters, self._waiters = self._waiters, deque()
+        for _, then in waiters:
+            then(failure)
 
     async def reached(self, position: int) -> None:
         """Wait until this position, which the ledger has given out, is on disk and visible."""
         if position <= self.position:
             return
-        if self._failure is not None:
-            raise self._failure
         waiter: asyncio.Future[None] = self._loop.create_future()
-        self._waiters.append((position, waiter))  # positions are given out in rising order
+        self.when(position, partial(_wake, waiter))
         await waiter
+
+    def when(self, position: int, then: Then) -> None:
+        """Call once this position is on disk and visible, or never will be; maybe at once."""
+        if position <= self.position:
+            then(None)
+        elif self._failure is not None:
+            then(self._failure)
+        else:
+            self._waiters.append((position, then))  # positions are given out in rising order
 
     @property
     def idle(self) -> bool:
         """Tell that nobody waits for the disk."""
         return not self._waiters
+
+
+def _wake(waiter: "asyncio.Future[None]", failure: LedgerError | None) -> None:
+    if waiter.done():  # its client may have gone
+        return
+    if failure is None:
+        waiter.set_result(None)
+    else:
+        waiter.set_exception(failure)

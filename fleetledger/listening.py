@@ -5,13 +5,20 @@ import socket
 import ssl
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from functools import partial
 from pathlib import Path
+from typing import Any, Protocol, cast, runtime_checkable
 
 import uvicorn
-from starlette.types import ASGIApp
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from starlette.types import ASGIApp, Scope
+from uvicorn.protocols.http.httptools_impl import (
+    STATUS_LINE,
+    HttpToolsProtocol,
+    RequestResponseCycle,
+)
 
 from fleetledger.config import Settings
+from fleetledger.middleware import Give, RawHeaders
 from ledger.errors import Refused
 
 BACKLOG = 2048
@@ -105,15 +112,45 @@ class _Server(uvicorn.Server):
         yield
 
 
+@runtime_checkable
+class TakesQuickCalls(Protocol):
+    """An application that serves some calls without a coroutine; `Gate` is one."""
+
+    def is_quick(self, method: bytes, target: bytes) -> bool:
+        """Tell whether `take` may be asked, from the head's first line."""
+
+    def take(self, scope: Scope, body: bytes, give: Give) -> bool:
+        """Answer by `give`, now or later, on this thread; False = it must go the ordinary way."""
+
+
+class _UnderWay:
+    """A quick call, in the place of uvicorn's cycle: what uvicorn asks of one."""
+
+    message_event = asyncio.Event()  # nobody waits for it
+
+    def __init__(self) -> None:
+        self.response_complete = False
+        self.disconnected = False
+        self.keep_alive = True
+
+
 class Connection(HttpToolsProtocol):
     """uvicorn's, closed when a call's head takes too long or gets too large.
 
-    uvicorn itself waits for ever, and keeps all that comes meanwhile.
+    uvicorn itself waits for ever, and keeps all that comes meanwhile. Quick calls, which come
+    whole in one piece on a connection that has nothing else to do, pass it by: its cycle of events
+    and tasks, and two writes for an answer, took a fifth of what an order costs (measured).
     """
 
+    _parts: list[bytes] | None = None  # of a quick call's body that is being parsed
     _head_open = True  # its end has not come
     _head_bytes = 0  # of an open one
     _head_timer: asyncio.TimerHandle | None = None
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        """Take what uvicorn gives."""
+        super().__init__(*args, **keywords)
+        self._quick = self.app if isinstance(self.app, TakesQuickCalls) else None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin to wait for the first head."""
@@ -130,6 +167,11 @@ class Connection(HttpToolsProtocol):
     def data_received(self, data: bytes) -> None:
         """Count what comes of a head that has not ended; nearly all come in one piece."""
         super().data_received(data)
+        if self._parts is not None:
+            if self.transport.is_closing():  # it was no HTTP
+                self._parts = None
+            else:  # the rest comes later
+                self._take_ordinary_way()
         if not self._head_open:
             return
         self._head_bytes += len(data)
@@ -147,7 +189,70 @@ class Connection(HttpToolsProtocol):
         """Take note that the head has come whole."""
         self._head_open, self._head_bytes = False, 0
         self._stop_waiting()
+        if self._may_be_quick():
+            self._parts = []
+        else:
+            super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """Keep a part of the body."""
+        if self._parts is None:
+            super().on_body(body)
+        else:
+            self._parts.append(body)
+
+    def on_message_complete(self) -> None:
+        """Serve a quick call."""
+        if self._parts is None or self._quick is None:
+            super().on_message_complete()
+            return
+        scope = cast("dict[str, Any]", self.scope)
+        scope["method"] = self.parser.get_method().decode("ascii")
+        scope["path"] = self.url.decode("ascii")
+        scope["raw_path"], scope["query_string"] = self.url, b""
+        before, under_way = self.cycle, _UnderWay()
+        self.cycle = cast("RequestResponseCycle", under_way)
+        if self._quick.take(scope, b"".join(self._parts), partial(self._give, under_way)):
+            self._parts = None
+        else:
+            self.cycle = before
+            self._take_ordinary_way()
+            super().on_message_complete()
+
+    def _may_be_quick(self) -> bool:
+        return (
+            self._quick is not None
+            and self._quick.is_quick(self.parser.get_method(), self.url)
+            and (self.cycle is None or self.cycle.response_complete)
+            and self.parser.get_http_version() == "1.1"
+            and self.parser.should_keep_alive()
+            and not self.parser.should_upgrade()
+            and not self.expect_100_continue
+            and not self.flow.write_paused
+        )
+
+    def _take_ordinary_way(self) -> None:
+        """Let uvicorn have what has come."""
+        assert self._parts is not None
+        parts, self._parts = self._parts, None
         super().on_headers_complete()
+        for part in parts:
+            super().on_body(part)
+
+    def _give(self, call: _UnderWay, status: int, headers: RawHeaders, body: bytes) -> None:
+        """Write the answer, in one piece."""
+        call.response_complete = True
+        if call.disconnected or self.transport.is_closing():
+            return
+        pieces = [STATUS_LINE[status]]
+        for name, value in (*self.server_state.default_headers, *headers):
+            pieces += (name, b": ", value, b"\r\n")
+        if not call.keep_alive:
+            pieces.append(b"connection: close\r\n")
+        self.transport.write(b"".join((*pieces, b"\r\n", body)))
+        if not call.keep_alive:
+            self.transport.close()
+        self.on_response_complete()
 
     def _stop_waiting(self) -> None:
         if self._head_timer is not None:

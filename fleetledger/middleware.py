@@ -1,10 +1,12 @@
 """What happens around every call: who asks, whether it may, how much, and what is counted."""
 
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from typing import NamedTuple, TypeAlias
 
 import structlog
 from prometheus_client import Counter, Histogram
+from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -19,7 +21,9 @@ from fleetledger.access.callers import (
     from_own_page,
 )
 from fleetledger.access.roles import OPEN, RANK, Policy
-from fleetledger.http import BODY_BYTES_MAX, SCENE_BYTES_MAX, error
+from fleetledger.durability import Then
+from fleetledger.http import BODY_BYTES_MAX, EXPECTED, SCENE_BYTES_MAX, Quick, answer_to, error
+from ledger.errors import LedgerError
 
 log = structlog.get_logger()
 
@@ -38,6 +42,7 @@ _POSITION, _WAIT = POSITION_HEADER.lower().encode(), WAIT_HEADER.lower().encode(
 # of every answer: nothing may guess at types, frame a page, or learn what was asked here
 _ALWAYS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
 _POLICY = b"content-security-policy"
+_JSON = (b"content-type", b"application/json")
 # of pages without a policy of their own, which are those about the API: their script is inline
 _PAGES_POLICY = (
     b"default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
@@ -55,6 +60,18 @@ SECONDS = Histogram(
 
 
 Refusing = Callable[[str, str, str, str], None]  # caller as claimed, address, call, code
+RawHeaders: TypeAlias = list[tuple[bytes, bytes]]
+Give: TypeAlias = Callable[[int, RawHeaders, bytes], None]  # status, headers and body, once
+
+
+class Barred(NamedTuple):
+    """Why a call is refused."""
+
+    status: int
+    code: str
+    words: str
+    arguments: tuple[object, ...] = ()
+    noted: bool = True  # in the audit
 
 
 class Gate:
@@ -69,8 +86,13 @@ class Gate:
         refused: Refusing,
         position: Callable[[], int],
         wait: Callable[[int], Awaitable[bool]],
+        quick: Mapping[tuple[str, str], Quick],
+        when: Callable[[int, Then], None],
     ) -> None:
-        """Take who calls, what they may, who hears of refusals, the position and its coming."""
+        """Take who calls, what they may, who hears of refusals, the position and its coming.
+
+        `quick` are the calls that need no coroutine, `when` tells when a position is on disk.
+        """
         self._app = app
         self._callers = callers
         self._policy = policy
@@ -78,6 +100,10 @@ class Gate:
         self._under_way = 0
         self._position = position
         self._wait = wait
+        self._when = when
+        self._quick = {
+            (method.encode(), path.encode()): quick for (method, path), quick in quick.items()
+        }
         self._figures: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -94,13 +120,7 @@ class Gate:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                headers = message["headers"]
-                headers.extend(_ALWAYS)
-                names = [name for name, _ in headers]
-                if _POSITION not in names:
-                    headers.append((_POSITION, b"%d" % self._position()))
-                if _POLICY not in names and not scope["path"].startswith("/api/"):
-                    headers.append((_POLICY, _PAGES_POLICY))
+                self._complete(message["headers"], scope["path"])
             await send(message)
 
         self._under_way += 1
@@ -108,10 +128,75 @@ class Gate:
             await self._pass_or_refuse(scope, receive, send_with_position)
         finally:
             self._under_way -= 1
-            route = getattr(scope.get("route"), "path", "other")
-            calls, seconds = self._figures_of(scope["method"], route, status)
-            calls.inc()
-            seconds.observe(time.perf_counter() - began)
+            self._count(scope, status, began)
+
+    def is_quick(self, method: bytes, target: bytes) -> bool:
+        """Tell whether `take` may be asked."""
+        return (method, target) in self._quick
+
+    def take(self, scope: Scope, body: bytes, give: Give) -> bool:
+        """Serve a quick call: no coroutine, no task, one wake-up of many by the disk.
+
+        The ordinary way takes 100 µs more a call (measured), half of what an order costs. False =
+        it would be refused before it is decided, or must wait: nothing has happened, and the
+        ordinary way says so.
+        """
+        began = time.perf_counter()
+        headers: dict[bytes, bytes] = dict(scope["headers"])
+        caller = self._callers.caller(headers)
+        if _WAIT in headers or self._barred(scope, headers, caller) is not None:
+            return False
+        scope["route"], decide = self._quick[scope["method"].encode(), scope["raw_path"]]
+        _introduce(scope, caller)
+
+        def answered(response: Response) -> None:
+            self._complete(response.raw_headers, scope["path"])
+            give(response.status_code, response.raw_headers, bytes(response.body))
+            self._count(scope, response.status_code, began)
+
+        try:
+            ready = decide(Request(scope), body)
+        except EXPECTED as trouble:
+            answer = answer_to(trouble)
+            assert answer is not None
+            answered(answer)
+            return True
+        except Exception:
+            answered(_our_bug(scope, caller))
+            return True
+        self._under_way += 1
+
+        def durable(failure: LedgerError | None) -> None:
+            self._under_way -= 1
+            if failure is not None:
+                answer = answer_to(failure)
+                assert answer is not None
+                answered(answer)
+                return
+            raw = [(b"content-length", b"%d" % len(ready.body)), *_ALWAYS]
+            raw.append((_POSITION, b"%d" % ready.position))
+            if ready.body:
+                raw.append(_JSON)
+            give(ready.status, raw, ready.body)
+            self._count(scope, ready.status, began)
+
+        self._when(ready.position, durable)
+        return True
+
+    def _complete(self, headers: RawHeaders, path: str) -> None:
+        """Add what every answer says."""
+        headers.extend(_ALWAYS)
+        names = [name for name, _ in headers]
+        if _POSITION not in names:
+            headers.append((_POSITION, b"%d" % self._position()))
+        if _POLICY not in names and not path.startswith("/api/"):
+            headers.append((_POLICY, _PAGES_POLICY))
+
+    def _count(self, scope: Scope, status: int, began: float) -> None:
+        route = getattr(scope.get("route"), "path", "other")
+        calls, seconds = self._figures_of(scope["method"], route, status)
+        calls.inc()
+        seconds.observe(time.perf_counter() - began)
 
     def _figures_of(self, method: str, route: str, status: int) -> tuple[Counter, Histogram]:
         key = (method, route, status)  # finding a labelled child costs more than counting
@@ -127,12 +212,14 @@ class Gate:
         path: str = scope["path"]
         caller = self._callers.caller(headers)
         limit = SCENE_BYTES_MAX if path == SCENE_IMPORT_PATH else BODY_BYTES_MAX
-        refusal = self._barred(scope, headers, caller)
-        if refusal is None:
-            if not _at_most(headers.get(b"content-length", b"0"), limit):
-                refusal = _too_large(limit)
-            elif (wanted := headers.get(_WAIT)) is not None:
-                refusal = await self._waited(wanted)
+        barred = self._barred(scope, headers, caller)
+        refusal = None
+        if barred is not None:
+            refusal = self._refusal(scope, headers, barred)
+        elif not _at_most(headers.get(b"content-length", b"0"), limit):
+            refusal = _too_large(limit)
+        elif (wanted := headers.get(_WAIT)) is not None:
+            refusal = await self._waited(wanted)
         if refusal is not None:
             await refusal(scope, receive, send)
             return
@@ -144,42 +231,39 @@ class Gate:
         except BodyTooLarge:
             await _too_large(limit)(scope, receive, send)
         except Exception:
-            # the last resort: a bug of ours must not cost other clients their server
-            name = caller and caller.name
-            log.exception("call failed", method=scope["method"], path=path, caller=name)
-            answer = error(500, "errServerBug", "This is a bug of the server; its log has more.")
-            await answer(scope, receive, send)
+            await _our_bug(scope, caller)(scope, receive, send)
 
-    def _barred(self, scope: Scope, headers: Headers, caller: Caller | None) -> Response | None:
-        """Refuse whom nobody knows, who may not, and who comes from another's page."""
+    def _barred(self, scope: Scope, headers: Headers, caller: Caller | None) -> Barred | None:
+        """Bar whom nobody knows, who may not, and who comes from another's page."""
         if self._under_way > UNDER_WAY_MAX:
-            answer = error(503, "errBusy", f"{UNDER_WAY_MAX} calls are under way: try again.")
-            answer.headers["Retry-After"] = str(BUSY_WAIT_S)
-            return answer
+            words = f"{UNDER_WAY_MAX} calls are under way: try again."
+            return Barred(503, "errBusy", words, noted=False)
         if _head_bytes(scope) > HEAD_BYTES_MAX:
             words = f"Path, query and headers may have {HEAD_BYTES_MAX} bytes."
-            return error(431, "errHeadTooLarge", words, (HEAD_BYTES_MAX,))
+            return Barred(431, "errHeadTooLarge", words, (HEAD_BYTES_MAX,), noted=False)
         method, path = scope["method"], scope["path"]
         rank = self._policy.rank(method, path)
         if caller is None:
             if rank != OPEN:
-                return self._refuse(scope, headers, 401, "errNotSignedIn", _NOT_SIGNED_IN)
+                return Barred(401, "errNotSignedIn", _NOT_SIGNED_IN)
         elif RANK[caller.role] < rank:
             words = f"Role '{caller.role}' of '{caller.name}' does not suffice for this call."
-            return self._refuse(scope, headers, 403, "errForbidden", words)
+            return Barred(403, "errForbidden", words)
         if not self._callers.host_is_known(headers):
-            return self._refuse(scope, headers, 403, "errHostUnknown", _HOST_UNKNOWN)
+            return Barred(403, "errHostUnknown", _HOST_UNKNOWN)
         ambient = path == SIGN_IN_PATH if caller is None else caller.ambient
         if ambient and method not in SAFE_METHODS and not from_own_page(headers):
-            return self._refuse(scope, headers, 403, "errOtherSite", _OTHER_SITE)
+            return Barred(403, "errOtherSite", _OTHER_SITE)
         return None
 
-    def _refuse(
-        self, scope: Scope, headers: Headers, status: int, code: str, words: str
-    ) -> Response:
-        call = f"{scope['method']} {scope['path']}"
-        self._refused(claimed(headers), _address(scope), call, code)
-        return error(status, code, words)
+    def _refusal(self, scope: Scope, headers: Headers, barred: Barred) -> Response:
+        if barred.noted:
+            call = f"{scope['method']} {scope['path']}"
+            self._refused(claimed(headers), _address(scope), call, barred.code)
+        answer = error(barred.status, barred.code, barred.words, barred.arguments)
+        if barred.code == "errBusy":
+            answer.headers["Retry-After"] = str(BUSY_WAIT_S)
+        return answer
 
     def _name_follower(self, scope: Scope) -> None:
         """Tell a WebSocket's endpoint who it is, or that nobody is; it words the refusal.
@@ -207,6 +291,13 @@ class Gate:
         if not await self._wait(int(wanted)):
             return error(504, "errPositionNotReached", f"Position {int(wanted)} did not come.")
         return None
+
+
+def _our_bug(scope: Scope, caller: Caller | None) -> Response:
+    """Answer the exception of the moment: the last resort, or one bug would stop the server."""
+    name = caller and caller.name
+    log.exception("call failed", method=scope["method"], path=scope["path"], caller=name)
+    return error(500, "errServerBug", "This is a bug of the server; its log has more.")
 
 
 def _introduce(scope: Scope, caller: Caller | None) -> None:

@@ -2,8 +2,9 @@
 
 import asyncio
 import hashlib
-from collections.abc import Awaitable, Callable
-from typing import Any, NamedTuple
+from collections.abc import Awaitable, Callable, Coroutine
+from functools import wraps
+from typing import Any, NamedTuple, TypeVar
 from weakref import WeakValueDictionary
 
 import msgspec
@@ -19,6 +20,7 @@ from ledger.ids import CommandId, SceneId
 KEY_HEADER = "Idempotency-Key"
 KEY_CHARS_MAX = 200
 POSITION_HEADER = "X-Ledger-Position"
+_KEY = KEY_HEADER.lower().encode()  # as it comes in the scope
 DIGEST_INLINE_BYTES_MAX = 1_000_000  # hashing more than this would hold up everybody
 
 Durable = Callable[[int], Awaitable[None]]  # waits until a position is on disk and visible
@@ -50,6 +52,19 @@ class Asked(NamedTuple):
     at_ms: int
 
 
+class Ready(NamedTuple):
+    """An answer that may be given once its position is on disk."""
+
+    position: int
+    status: int
+    body: bytes
+
+
+Body = TypeVar("Body")
+Decide = Callable[[Request, Body], Ready]
+Endpoint = Callable[[Request, Body], Coroutine[Any, Any, Response]]
+
+
 def nothing(_: Decision) -> bytes:
     """Answer without a body, where the specification says the response is none."""
     return b""
@@ -67,7 +82,7 @@ class Answering:
     def asked(self, request: Request) -> Asked:
         """Read the head of a command: with a key its id is the key, within its caller's own."""
         by = request.state.user
-        key = request.headers.get(KEY_HEADER)
+        key = _key_of(request)
         if key is None:
             return Asked(CommandId(self.handler.new_id()), by, self.handler.now_ms())
         if not key.strip() or len(key) > KEY_CHARS_MAX:
@@ -84,21 +99,45 @@ class Answering:
 
     async def answer(self, request: Request, command: AnyCommand, words: Words) -> Response:
         """Decide, wait until it is on disk, answer."""
-        if KEY_HEADER not in request.headers:
+        digest = None if _key_of(request) is None else await _digest(request)
+        return await self._given(self._decided(command, digest, words))
+
+    def ready(self, request: Request, command: AnyCommand, words: Words) -> Ready:
+        """Decide and word the answer, for a call with an ordinary body."""
+        digest = None
+        if _key_of(request) is not None:
+            digest = _begun(request, request.state.body).hexdigest()
+        return self._decided(command, digest, words)
+
+    def once_durable(self, decide: Decide[Body]) -> Endpoint[Body]:
+        """Make an endpoint of a function that decides, by `ready`.
+
+        A server may also call the function itself and wait for the disk by itself: to wait in a
+        coroutine costs as much as deciding.
+        """
+
+        @wraps(decide)
+        async def endpoint(request: Request, body: Body) -> Response:
+            return await self._given(decide(request, body))
+
+        return endpoint
+
+    async def _given(self, ready: Ready) -> Response:
+        await self._durable(ready.position)
+        return _response(ready.status, ready.body, ready.position)
+
+    def _decided(self, command: AnyCommand, digest: str | None, words: Words) -> Ready:
+        if digest is None:
             decision = self.handler.handle(command)
-            await self._durable(decision.position)
-            return _response(200, words(decision), decision.position)
+            return Ready(decision.position, 200, words(decision))
 
         def reply(outcome: Decision | Rejected) -> Reply:
             if isinstance(outcome, Rejected):
                 return Reply(status=outcome.status, body=_refusal(outcome))
             return Reply(status=200, body=words(outcome).decode())
 
-        digest = await _digest(request)
         answered = self.handler.handle_once(command, digest, reply)
-        await self._durable(answered.position)
-        given = answered.reply
-        return _response(given.status, given.body.encode(), answered.position)
+        return Ready(answered.position, answered.reply.status, answered.reply.body.encode())
 
     async def answer_later(
         self, request: Request, command: AnyCommand, later: Later, nothing_more: AnyCommand
@@ -164,9 +203,21 @@ def _refusal(no: Rejected) -> str:
 async def _digest(request: Request) -> str:
     """Tell requests apart: method, path and body."""
     body = await request.body()
-    start = hashlib.sha256(f"{request.method} {request.url.path}\n".encode())
+    start = _begun(request)
     if len(body) > DIGEST_INLINE_BYTES_MAX:
         await asyncio.to_thread(start.update, body)
     else:
         start.update(body)
     return start.hexdigest()
+
+
+def _begun(request: Request, body: bytes = b"") -> "hashlib._Hash":
+    return hashlib.sha256(f"{request.method} {request.url.path}\n".encode() + body)
+
+
+def _key_of(request: Request) -> str | None:
+    for name, value in request.scope["headers"]:
+        if name == _KEY:
+            key: str = value.decode("latin-1")
+            return key
+    return None

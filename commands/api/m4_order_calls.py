@@ -1,11 +1,12 @@
 """The M4 order calls (spec/m4.md §2), and suspension (spec/protocols.md §1.6)."""
 
+from typing import Any
+
 import msgspec
 from fastapi import APIRouter
 from starlette.requests import Request
-from starlette.responses import Response
 
-from commands.api.answering import KEY_PARAMETER, Answering, nothing
+from commands.api.answering import KEY_PARAMETER, Answering, Decide, Ready, nothing
 from commands.api.m4_models import ParallelResult, parallel_results
 from commands.api.m4_orders import (
     AddStepsReq,
@@ -26,7 +27,7 @@ BASE = "/api/fleet/orders"
 
 
 class OrderCalls:
-    """Endpoints that translate, ask, and word the answer."""
+    """What each call asks for, and how its answer is worded."""
 
     def __init__(self, answering: Answering) -> None:
         """Take who answers."""
@@ -35,7 +36,7 @@ class OrderCalls:
     def join(self, router: APIRouter) -> None:
         """Add the calls to a router."""
         documented = {"openapi_extra": {"parameters": [KEY_PARAMETER]}, "tags": ["orders"]}
-        for path, endpoint, model in (
+        calls: tuple[tuple[str, Decide[Any], Any], ...] = (
             ("create", self.create, CreateOrderAnswer),
             ("add-steps", self.add_steps, None),
             ("update-steps", self.update_steps, None),
@@ -49,19 +50,20 @@ class OrderCalls:
             ("retry-failed-orders", self.retry, dict[str, ParallelResult]),
             ("set-suspended", self.suspend, dict[str, ParallelResult]),
             ("unset-suspended", self.unsuspend, dict[str, ParallelResult]),
-        ):
+        )
+        for path, decide, model in calls:
             router.add_api_route(
                 f"{BASE}/{path}",
-                endpoint,
+                self._answering.once_durable(decide),
                 methods=["POST"],
                 response_model=model,
                 **documented,  # type: ignore[arg-type]  # FastAPI's keywords
             )
 
-    async def create(self, request: Request, body: CreateOrderReq) -> Response:
+    def create(self, request: Request, body: CreateOrderReq) -> Ready:
         """Create one order in a scene; key locations or steps must be given."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(
+        return self._answering.ready(
             request,
             command,
             lambda decision: msgspec.json.encode(
@@ -69,78 +71,78 @@ class OrderCalls:
             ),
         )
 
-    async def add_steps(self, request: Request, body: AddStepsReq) -> Response:
+    def add_steps(self, request: Request, body: AddStepsReq) -> Ready:
         """Append steps, in the order given, to an order that is not sealed."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(request, command, nothing)
+        return self._answering.ready(request, command, nothing)
 
-    async def update_steps(self, request: Request, body: UpdateStepsReq) -> Response:
+    def update_steps(self, request: Request, body: UpdateStepsReq) -> Ready:
         """Change steps that are still Executable; all of them, or none."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(request, command, nothing)
+        return self._answering.ready(request, command, nothing)
 
-    async def delete_steps(self, request: Request, body: DeleteStepsReq) -> Response:
+    def delete_steps(self, request: Request, body: DeleteStepsReq) -> Ready:
         """Delete steps that are still Executable; all of them, or none."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(request, command, nothing)
+        return self._answering.ready(request, command, nothing)
 
-    async def complete(self, request: Request, body: OrderIdReq) -> Response:
+    def complete(self, request: Request, body: OrderIdReq) -> Ready:
         """Seal one order: no more steps will come."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(request, command, nothing)
+        return self._answering.ready(request, command, nothing)
 
-    async def complete_batch(self, request: Request, body: OrderIdsReq) -> Response:
+    def complete_batch(self, request: Request, body: OrderIdsReq) -> Ready:
         """Seal several orders, each on its own."""
         asked = self._answering.asked(request)
         command = SealOrders(id=asked.id, by=asked.by, at_ms=asked.at_ms, orders=body.ids())
-        return await self._answering.answer(
+        return self._answering.ready(
             request, command, lambda decision: parallel_results(body.orderIds, decision)
         )
 
-    async def cancel(self, request: Request, body: CancelOrderReq) -> Response:
+    def cancel(self, request: Request, body: CancelOrderReq) -> Ready:
         """Cancel one order; one that is done or cancelled is left alone."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(request, command, nothing)
+        return self._answering.ready(request, command, nothing)
 
-    async def cancel_batch(self, request: Request, body: OrderIdsReq) -> Response:
+    def cancel_batch(self, request: Request, body: OrderIdsReq) -> Ready:
         """Cancel several orders, each on its own; done and cancelled ones are left alone."""
         asked = self._answering.asked(request)
         command = CancelOrders(id=asked.id, by=asked.by, at_ms=asked.at_ms, orders=body.ids())
-        return await self._answering.answer(
+        return self._answering.ready(
             request, command, lambda decision: parallel_results(body.orderIds, decision)
         )
 
-    async def cancel_all(self, request: Request, body: SceneIdReq) -> Response:
+    def cancel_all(self, request: Request, body: SceneIdReq) -> Ready:
         """Cancel all orders of a scene, those of the system itself included."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(request, command, nothing)
+        return self._answering.ready(request, command, nothing)
 
-    async def update_priority(self, request: Request, body: UpdatePriorityReq) -> Response:
+    def update_priority(self, request: Request, body: UpdatePriorityReq) -> Ready:
         """Set the priority of several orders; all of them, or none."""
         command = body.command(self._answering.asked(request))
-        return await self._answering.answer(request, command, nothing)
+        return self._answering.ready(request, command, nothing)
 
-    async def retry(self, request: Request, body: OrderIdsReq) -> Response:
+    def retry(self, request: Request, body: OrderIdsReq) -> Ready:
         """Go on with orders that have a fault, each on its own."""
         asked = self._answering.asked(request)
         command = RetryOrders(id=asked.id, by=asked.by, at_ms=asked.at_ms, orders=body.ids())
-        return await self._answering.answer(
+        return self._answering.ready(
             request, command, lambda decision: parallel_results(body.orderIds, decision)
         )
 
-    async def suspend(self, request: Request, body: OrderIdsReq) -> Response:
+    def suspend(self, request: Request, body: OrderIdsReq) -> Ready:
         """Hold orders up, each on its own: no robot takes them, or goes on with them."""
-        return await self._suspend(request, body, suspended=True)
+        return self._suspend(request, body, suspended=True)
 
-    async def unsuspend(self, request: Request, body: OrderIdsReq) -> Response:
+    def unsuspend(self, request: Request, body: OrderIdsReq) -> Ready:
         """Let suspended orders go on, each on its own."""
-        return await self._suspend(request, body, suspended=False)
+        return self._suspend(request, body, suspended=False)
 
-    async def _suspend(self, request: Request, body: OrderIdsReq, *, suspended: bool) -> Response:
+    def _suspend(self, request: Request, body: OrderIdsReq, *, suspended: bool) -> Ready:
         asked = self._answering.asked(request)
         command = SuspendOrders(
             id=asked.id, by=asked.by, at_ms=asked.at_ms, orders=body.ids(), suspended=suspended
         )
-        return await self._answering.answer(
+        return self._answering.ready(
             request, command, lambda decision: parallel_results(body.orderIds, decision)
         )

@@ -50,6 +50,7 @@ def _client(doors: Doors) -> httpx.AsyncClient:
         refused=access.refusals.refused,
         position=lambda: 7,
         wait=_wait,
+        when=lambda position, then: then(None),
     )
     transport = httpx.ASGITransport(app)
     return httpx.AsyncClient(transport=transport, base_url="http://localhost:5800")

@@ -50,6 +50,7 @@ class Plant:
             refused=self.access.refusals.refused,
             position=lambda: 7,
             wait=_wait,
+            when=lambda position, then: then(None),
         )
         self._transport = httpx.ASGITransport(app, client=("10.0.0.1", 1))
         self.client = httpx.AsyncClient(transport=self._transport, base_url=URL)

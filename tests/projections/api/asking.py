@@ -33,4 +33,5 @@ def application(side: Side, *routers: APIRouter) -> ASGIApp:
         refused=lambda caller, address, call, code: None,
         position=lambda: side.live.position,
         wait=side.live.wait,
+        when=lambda position, then: then(None),
     )

@@ -209,6 +209,7 @@ async def test_a_bad_login_is_told_after_the_handshake(side: Side) -> None:
         refused=lambda caller, address, call, code: None,
         position=lambda: side.live.position,
         wait=side.live.wait,
+        when=lambda position, then: then(None),
     )
     async with opened(app) as socket:
         reply = await socket.frame()
