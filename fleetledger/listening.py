@@ -20,6 +20,7 @@ from uvicorn.protocols.http.httptools_impl import (
 from fleetledger.config import Settings
 from fleetledger.middleware import Give, RawHeaders
 from ledger.errors import Refused
+from replay.following import ABORT
 
 BACKLOG = 2048
 CONNECTIONS_MAX = 4096  # at once
@@ -189,6 +190,7 @@ class Connection(HttpToolsProtocol):
         """Take note that the head has come whole."""
         self._head_open, self._head_bytes = False, 0
         self._stop_waiting()
+        self.scope.setdefault("extensions", {})[ABORT] = {"call": self.transport.abort}
         if self._may_be_quick():
             self._parts = []
         else:

@@ -1,7 +1,6 @@
 """HTTP of the past: the ledger as it is, the state at any moment, the console and its frames."""
 
 import asyncio
-from collections.abc import AsyncIterator
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,13 +10,14 @@ from fastapi import APIRouter, Query
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, Response
 
 from ledger.errors import Refused
 from ledger.events import AnyEvent
 from ledger.ids import OrderId, SceneId
 from ledger.moment import At, parse_position, parse_time
 from ledger.state import Fleet
+from replay.following import Followers
 from replay.frame import Frame, MapFrame, Wish
 from replay.frames import frame_at, map_at, story_at
 from replay.source import Source
@@ -25,8 +25,6 @@ from replay.story import Story
 
 EVENTS_MAX = 10_000  # of one answer
 OWN_PARTS = "x-parts"  # of a documented response: schemas that it refers to
-STREAM_EVENTS_MAX = 500  # read at once for one follower
-FOLLOWERS_MAX = 64
 ORDERS_MAX = 500  # of one frame
 FIND_CHARACTERS_MAX = 100
 CONSOLE = Path(__file__).parent / "console"
@@ -103,7 +101,7 @@ def _answer(of: Any) -> dict[int | str, dict[str, Any]]:
 
 
 def _ledger(made: APIRouter, source: Source) -> None:
-    followers = 0
+    followers = Followers(source)
 
     @made.get("/api/ledger/position", tags=["ledger"])
     async def position(request: Request) -> Response:
@@ -115,32 +113,16 @@ def _ledger(made: APIRouter, source: Source) -> None:
     async def events(request: Request, query: Annotated[EventsAsked, Query()]) -> Response:
         """Give events in order; with `Accept: text/event-stream` go on as they happen.
 
-        A stream's ids are positions, so `Last-Event-ID` resumes it without a gap.
+        A stream's ids are positions, so `Last-Event-ID` resumes it without a gap; where that
+        position is not in the ledger the answer is 409, for it is not what was followed.
         """
         if "text/event-stream" in request.headers.get("accept", ""):
             last = request.headers.get("last-event-id")
             after = query.after if last is None else parse_position(last, "Last-Event-ID")
-            return follow(after)
+            return followers.follow(after)
         newest = source.live().position
         found = await asyncio.to_thread(_some, source, query.after, newest, query.limit)
         return _json(found, newest)
-
-    def follow(after: int) -> Response:
-        nonlocal followers
-        if followers >= FOLLOWERS_MAX:
-            raise TooManyFollowers
-
-        async def counted() -> AsyncIterator[bytes]:
-            nonlocal followers
-            followers += 1
-            try:
-                async for text in _stream(source, after):
-                    yield text
-            finally:
-                followers -= 1
-
-        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return StreamingResponse(counted(), media_type="text/event-stream", headers=headers)
 
     @made.get("/api/ledger/state", tags=["ledger"], responses=_answer(Fleet))
     async def state(request: Request, query: Annotated[StateAsked, Query()]) -> Response:
@@ -153,17 +135,6 @@ def _ledger(made: APIRouter, source: Source) -> None:
         return _json(await asyncio.to_thread(fleet.canonical), fleet.position)
 
 
-class TooManyFollowers(Refused):
-    """Each stream holds a connection and a file; others wait their turn."""
-
-    status = 503
-
-    def __init__(self) -> None:
-        """Say so."""
-        words = f"{FOLLOWERS_MAX} streams are open already: close one, or read without a stream."
-        super().__init__("errTooManyFollowers", words, FOLLOWERS_MAX)
-
-
 def _moment(at: str | None, position: str | None) -> At:
     if at is not None and position is not None:
         raise Refused("errFieldInvalid", "Give 'at' or 'position', not both.", "at", "position")
@@ -174,18 +145,6 @@ def _moment(at: str | None, position: str | None) -> At:
 
 def _some(source: Source, after: int, until: int, limit: int) -> list[AnyEvent]:
     return list(islice(source.read(after, until), limit)) if after < until else []
-
-
-async def _stream(source: Source, after: int) -> AsyncIterator[bytes]:
-    while True:
-        newest = source.live().position
-        found = await asyncio.to_thread(_some, source, after, newest, STREAM_EVENTS_MAX)
-        for event in found:
-            after = event.position
-            data = msgspec.json.encode(event).decode()
-            yield f"id: {after}\nevent: {type(event).__name__}\ndata: {data}\n\n".encode()
-        if not found and not await source.comes(after + 1):
-            yield b": nothing new\n\n"  # shows that the connection stands
 
 
 def _replay(made: APIRouter, source: Source) -> None:

@@ -1,10 +1,8 @@
 """The endpoints of the past: ledger, state, frames, stories, and the page itself."""
 
 from collections.abc import AsyncIterator, Iterator
-from pathlib import Path
 
 import httpx
-import msgspec
 import pytest
 from fastapi import FastAPI
 from pydantic import ValidationError
@@ -15,7 +13,7 @@ from ledger.errors import Refused
 from ledger.evolve import fold
 from ledger.moment import time_text
 from ledger.state import Fleet
-from replay.api import CONSOLE, OWN_PARTS, _stream, router
+from replay.api import CONSOLE, OWN_PARTS, router
 from tests.replay.site import R1, SCENE, START_MS, TURN_MS, WAITING, Site, carried, reports
 
 
@@ -58,21 +56,6 @@ async def test_events_come_in_order_and_in_pages(site: Site, client: httpx.Async
     page = (await client.get("/api/ledger/events", params={"after": 5, "limit": 3})).json()
     assert page == everything[5:8]
     assert (await client.get("/api/ledger/events", params={"after": 10**9})).json() == []
-
-
-async def test_a_stream_resumes_behind_the_last_event_seen_and_goes_on(tmp_path: Path) -> None:
-    site = Site(tmp_path)
-    site.run(3)
-    position = site.fleet.position
-    stream = _stream(site.source, position - 2)
-    texts = [(await anext(stream)).decode() for _ in range(2)]
-    assert [text.split("\n")[0] for text in texts] == [f"id: {position - 1}", f"id: {position}"]
-    assert (await anext(stream)).startswith(b": ")
-    site.run(TURN_MS / 1000)
-    kind, data = (await anext(stream)).decode().split("\n")[1:3]
-    assert kind.removeprefix("event: ") == msgspec.json.decode(data.removeprefix("data: "))["type"]
-    await stream.aclose()
-    site.close()
 
 
 async def test_a_bad_last_event_id_is_refused(client: httpx.AsyncClient) -> None:
