@@ -46,8 +46,9 @@ from fleetledger.new_id import new_id
 from fleetledger.processes import Child
 from fleetledger.proposing import responder
 from fleetledger.rebuild_bar import RebuildBar
+from fleetledger.sealer import Sealer
 from fleetledger.secrets import Secrets
-from fleetledger.start_check import check_folder, usable
+from fleetledger.start_check import check_folder, open_ledger, usable
 from ledger.bus import PROPOSE_KEY
 from ledger.errors import LedgerError, Refused
 from ledger.events import AnyEvent
@@ -93,8 +94,7 @@ class Core:
         self._settings = settings
         self._loop = loop
         check_folder(settings)
-        with usable(settings.ledger):
-            self.ledger = FileLedger.open(settings.ledger)
+        self.ledger = open_ledger(settings)
         self.guard = DiskGuard(self.ledger, settings.ledger, settings.disk_reserve_mb * MB)
         self.guard.check()
         fleet = restore(settings.ledger, settings.snapshots)
@@ -252,10 +252,13 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
             stack.push_async_callback(child.stop)
         tame()
         sys.setswitchinterval(SWITCH_S)
+        sealer = Sealer(settings.data, lambda: core.guard.low)
+        stack.push_async_callback(sealer.stop)
         for looking_after in (
             collect_when_idle(lambda: core.durability.idle),
             keep_time(settings.data, core.clock),
             core.guard.watch(),
+            sealer.run(),
         ):
             stack.callback(asyncio.create_task(looking_after).cancel)
         stack.callback(core.callbacks.ask_to_stop)

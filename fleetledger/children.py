@@ -10,6 +10,7 @@ from pathlib import Path
 from fleetledger import roles
 from fleetledger.clock import Clock
 from fleetledger.logs import configure
+from fleetledger.orphaned import stop_when_orphaned
 from ledger.zenoh_bus import ZenohBus
 
 
@@ -30,7 +31,7 @@ def _role(
     name: str, listen: str | None, connect: list[str]
 ) -> Iterator[tuple[ZenohBus, threading.Event]]:
     configure(process=name, as_json=not sys.stderr.isatty())
-    stop = roles.stop_when_orphaned()
+    stop = stop_when_orphaned()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     bus = ZenohBus(listen, connect)

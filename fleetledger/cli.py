@@ -282,6 +282,15 @@ def role_analyst(
         analyst_role.run_analyst(data, seconds_max, memory_mb)
 
 
+@role_app.command("sealer")
+def role_sealer(data: Data) -> None:
+    """Seal what can be sealed and end; earlier when standard input closes."""
+    with told():
+        from fleetledger import sealer_role
+
+        raise typer.Exit(sealer_role.run_sealer(data))
+
+
 def _leave(code: int) -> NoReturn:
     """End at once: all is closed, and to take the interpreter apart has DuckDB report leaks."""
     for stream in (sys.stdout, sys.stderr):

@@ -1,7 +1,6 @@
 """The scheduler's process and the simulator's: threads and sockets around two pure roles."""
 
 import random
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -191,16 +190,3 @@ def _paced(
         if hurry.wait(max(0.0, due - ended)):
             stop.wait(max(0.0, ended + HURRIED_S_MIN - time.monotonic()))
             due = time.monotonic()
-
-
-def stop_when_orphaned() -> threading.Event:
-    """Give an event that is set when standard input closes: then the server has gone."""
-    stop = threading.Event()
-
-    def watch() -> None:
-        while sys.stdin.buffer.read(4096):
-            pass
-        stop.set()
-
-    threading.Thread(target=watch, name="orphaned", daemon=True).start()
-    return stop

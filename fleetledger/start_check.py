@@ -3,18 +3,22 @@
 import errno
 import os
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import duckdb
+import structlog
 
 from fleetledger.config import Settings
 from ledger.errors import DiskTrouble, LedgerLost
 from ledger.segment import SUFFIX
 from ledger.snapshot import snapshot_paths
+from ledger.store import FileLedger
 from projections.archive import position_of
 
+TOLD_S = 2.0  # between two lines about progress
 PROBE_NAME = ".probe"
 PROBE_BYTES = 4096
 # a server that could not write these would find out only while it serves
@@ -27,6 +31,8 @@ WRITTEN = (
     "secrets.json",
     "sessions.json",
 )
+
+log = structlog.get_logger()
 
 
 @contextmanager
@@ -54,6 +60,23 @@ def check_folder(settings: Settings) -> None:
         file = data / name
         if file.exists() and not os.access(file, os.R_OK | os.W_OK):
             raise DiskTrouble(file, PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
+
+
+def open_ledger(settings: Settings) -> FileLedger:
+    """Check every byte of the ledger, mend a torn tail and open it; raises LedgerError.
+
+    A log line tells how far it is whenever that takes another while.
+    """
+    told = time.monotonic()
+
+    def progress(done: int, total: int) -> None:
+        nonlocal told
+        if time.monotonic() - told > TOLD_S:
+            told = time.monotonic()
+            log.info("checking the ledger", percent=100 * done // total, megabytes=total // 10**6)
+
+    with usable(settings.ledger):
+        return FileLedger.open(settings.ledger, snapshots=settings.snapshots, progress=progress)
 
 
 def _probe(folder: Path) -> None:

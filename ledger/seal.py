@@ -14,7 +14,7 @@ from ledger import sealed
 from ledger.chunks import Chunk, Flaw, chunk_at
 from ledger.damage import Inspection
 from ledger.disk import DRAFT, Disk, write_all
-from ledger.errors import LedgerDamaged, NotSealed
+from ledger.errors import LedgerDamaged, LedgerError, NotSealed
 from ledger.lock import Lock
 from ledger.measure import Measured, crc_of, measure_sealed
 from ledger.scene import Value
@@ -32,6 +32,7 @@ SYNC_BYTES = 1024 * 1024  # a sync of much at once would keep a commit's own wai
 DRAFT_SUFFIX = ".sealing" + DRAFT
 
 Stopped = Callable[[], bool]
+Failed = Callable[[Path, Exception], None]
 
 
 class Sealed(Value, frozen=True, kw_only=True):
@@ -48,6 +49,11 @@ def never() -> bool:
     return False
 
 
+def refuse(path: Path, trouble: Exception) -> None:
+    """Go no further."""
+    raise trouble
+
+
 def unsealed(directory: Path) -> list[Path]:
     """Segments that may be sealed, oldest first: all but the newest, which may be in writing."""
     return [path for path in segment_paths(directory)[:-1] if not _is_sealed(path)]
@@ -58,15 +64,22 @@ def _is_sealed(path: Path) -> bool:
         return sealed.is_sealed(file)
 
 
-def seal_folder(disk: Disk, directory: Path, stopped: Stopped = never) -> Iterator[Sealed]:
+def seal_folder(
+    disk: Disk, directory: Path, stopped: Stopped = never, failed: Failed = refuse
+) -> Iterator[Sealed]:
     """Seal one segment after the other until none is left to be sealed, or stopped.
 
-    Raises LedgerLocked where another sealer is at work, and otherwise what `seal` raises.
+    `failed` hears of each that could not be, and may raise. Raises LedgerLocked where another
+    sealer is at work.
     """
     lock = Lock(directory, LOCK_NAME)
     try:
         for path in unsealed(directory):
-            done = seal(disk, path, stopped)
+            try:
+                done = seal(disk, path, stopped)
+            except (LedgerError, OSError) as trouble:
+                failed(path, trouble)
+                continue
             if done is None:
                 return
             yield done
