@@ -1,6 +1,8 @@
 # Two commands are enough: `make demo` and `make test`.
 PYTHON ?= python3
 BIN := .venv/bin
+MINUTES ?= 20
+SEED ?= 1
 
 .PHONY: demo test lint check bench soak format docs clean
 
@@ -22,7 +24,7 @@ bench: .venv/dev
 	$(BIN)/python -m bench
 
 soak: .venv/dev
-	$(BIN)/pytest -m soak
+	$(BIN)/python -m tests.soak --minutes $(MINUTES) --seed $(SEED)
 
 format: .venv/dev
 	$(BIN)/ruff format .

@@ -104,9 +104,15 @@ def test_another_process_comes_to_the_same_bytes(hash_seed: str) -> None:
     assert done.stdout.split()[-1] == digest(a_day(7))
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", range(10))
-def test_a_long_shift_keeps_its_laws(seed: int) -> None:
+def stage(seed: int) -> None:
+    """For the soak: a long shift, or one whose schedulers come and go."""
+    if seed % 2:
+        a_long_shift_keeps_its_laws(seed)
+    else:
+        schedulers_may_come_and_go_all_the_time(seed)
+
+
+def a_long_shift_keeps_its_laws(seed: int) -> None:
     file = for_robots(20, seed=seed)
     shift = Shift(file, seed=seed, disturbance=Disturbance(probability=0.1, mean_s=6.0))
     onlooker, rng = Onlooker(shift), Random(seed)
@@ -121,9 +127,7 @@ def test_a_long_shift_keeps_its_laws(seed: int) -> None:
     onlooker.each_order_ended_once()
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", range(4))
-def test_schedulers_may_come_and_go_all_the_time(seed: int) -> None:
+def schedulers_may_come_and_go_all_the_time(seed: int) -> None:
     file = for_robots(12, seed=seed)
     shift = Shift(file, seed=seed, disturbance=Disturbance(probability=0.2, mean_s=5.0))
     onlooker, rng = Onlooker(shift), Random(seed)

@@ -13,6 +13,7 @@ from commands.resources import LapseMapResources
 from commands.scenes import ImportScene, scene_digest
 from fleetledger.proposing import responder
 from fleetledger.roles import SchedulerRole
+from ledger import store
 from ledger.bus import EVENTS_KEY, PROPOSE_KEY, MemoryBus
 from ledger.errors import LedgerError
 from ledger.events import AnyEvent
@@ -40,6 +41,7 @@ class Sizes(Value, frozen=True, kw_only=True):
     segment_bytes_max: int
     segment_chunks_max: int
     snapshot_events: int
+    chunk_events_max: int
 
     @classmethod
     def drawn(cls, rng: Random) -> "Sizes":
@@ -48,6 +50,7 @@ class Sizes(Value, frozen=True, kw_only=True):
             segment_bytes_max=rng.choice((5_000, 40_000, 1_000_000)),
             segment_chunks_max=rng.choice((2, 7, 40)),
             snapshot_events=rng.choice((5, 30, 10_000)),
+            chunk_events_max=rng.choice((1, 6, store.CHUNK_EVENTS_MAX)),
         )
 
 
@@ -86,6 +89,7 @@ class Core:
         """
         self.site = site
         self._waiting: list[tuple[Request, Answered]] = []
+        store.CHUNK_EVENTS_MAX = site.sizes.chunk_events_max  # so that commands do not share one
         self.ledger = FileLedger.open(
             site.ledger,
             disk=site.disk,

@@ -16,17 +16,19 @@ from random import Random
 import structlog
 
 from fleetledger.shift import START_MS
+from ledger import store
 from ledger.errors import LedgerError, Unknown
 from ledger.evolve import fold
 from ledger.scan import read_folder
 from ledger.scene import Value
+from ledger.seal import seal_folder
 from ledger.snapshot import restore
 from ledger.state import Fleet
 from ledger.verify import verify
 from sim.warehouses import generate
 from sim.world import Disturbance, World
 from tests.laws.crash.clients import Clients, Request
-from tests.laws.crash.core import Core, Site, Sizes
+from tests.laws.crash.core import STEP_MS, Core, Site, Sizes
 from tests.laws.crash.disk import Crashed, FaultyDisk, Trouble
 from tests.laws.crash.rows import Rows
 from tests.laws.crash.witness import Witness
@@ -35,7 +37,7 @@ log = structlog.get_logger()
 
 STEPS = 120  # things that happen in one simulation
 STARTS_MAX = 50  # in a row without one that succeeds
-QUIET_S = 20.0  # of virtual time at the end, without trouble
+QUIET_S = 8.0  # of virtual time at the end, without trouble
 MOMENTS_MAX = 20
 
 DiskKind = Callable[[Path, Random], FaultyDisk]
@@ -80,11 +82,13 @@ class Simulation:
 
     def run(self, steps: int = STEPS) -> Done:
         """Live through all steps, then put everything right, and count."""
+        usual = store.CHUNK_EVENTS_MAX
         try:
             for _ in range(steps):
                 self._survive(self._something)
             self._end()
         finally:
+            store.CHUNK_EVENTS_MAX = usual
             if self.core is not None:
                 self.core.let_go()
             self.site.rows.close()
@@ -195,6 +199,7 @@ class Simulation:
             (Core.commit, 6),
             (self._repeat, 3),
             (self._rows, 2),
+            (self._seal, 2),
             (self._look, 2),
             (Core.restart_scheduler, 1),
             (self._stop, 1),
@@ -210,7 +215,7 @@ class Simulation:
             core.commit()
 
     def _time(self, core: Core) -> None:
-        for _ in range(self.rng.choice((1, 5, 40))):
+        for _ in range(self.rng.choice((1, 4, 15))):
             core.tick()
 
     def _repeat(self, core: Core) -> None:
@@ -221,6 +226,14 @@ class Simulation:
 
     def _rows(self, core: Core) -> None:
         self.site.rows.commit()
+
+    def _seal(self, core: Core) -> None:
+        """Pack what is finished: another process does it, which dies with the core."""
+        try:
+            for _ in seal_folder(self.site.disk, self.site.ledger):
+                self.seen["sealed"] += 1
+        except OSError:
+            self.seen["not sealed"] += 1
 
     def _look(self, core: Core) -> None:
         if len(self.moments) < MOMENTS_MAX:
@@ -253,7 +266,7 @@ class Simulation:
         for key, request in list(witness.asked.items()):
             if key not in witness.replies:
                 core.ask(request)
-        for _ in range(int(QUIET_S * 1000 / 200)):
+        for _ in range(int(QUIET_S * 1000 / STEP_MS)):
             core.tick()
             core.commit()
         assert witness.asked.keys() == witness.replies.keys(), "somebody got no answer"
@@ -294,9 +307,23 @@ def _hash(fleet: Fleet) -> str:
     return hashlib.sha256(fleet.canonical()).hexdigest()
 
 
+def repeats(seed: int, steps: int) -> str:
+    """Give the command that lives through a seed again."""
+    return f"python -m tests.laws.crash --seed {seed}" + (
+        f" --steps {steps}" if steps != STEPS else ""
+    )
+
+
 def simulate(seed: int, steps: int = STEPS, kind: DiskKind = FaultyDisk) -> Done:
-    """Run one seed in a folder of its own, which is gone afterwards."""
+    """Run one seed in a folder of its own, which is gone afterwards.
+
+    What fails bears a note that says how to repeat it.
+    """
     memory = Path("/dev/shm")  # its own syncs would only cost time
     where = memory if os.access(memory, os.W_OK) else None
     with tempfile.TemporaryDirectory(prefix="crash-", dir=where) as folder:
-        return Simulation(seed, Path(folder), kind).run(steps)
+        try:
+            return Simulation(seed, Path(folder), kind).run(steps)
+        except BaseException as error:
+            error.add_note(f"to repeat it: {repeats(seed, steps)}")
+            raise

@@ -6,6 +6,8 @@ MCAP reader, and events as plain JSON.
 
 import json
 from collections import defaultdict
+from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +28,14 @@ def history(folder: Path) -> list[Json]:
     """All events of a ledger whose segments are finished."""
     events: list[Json] = []
     for path in sorted(folder.glob("*.mcap")):
-        with path.open("rb") as file:
-            for record in StreamReader(file, validate_crcs=True).records:
-                if isinstance(record, Message):
-                    events.append(json.loads(record.data))
+        events += _segment(path.read_bytes())
     return events
+
+
+@lru_cache(maxsize=256)  # most are as they were when we last looked
+def _segment(data: bytes) -> list[Json]:
+    records = StreamReader(BytesIO(data), validate_crcs=True).records
+    return [json.loads(record.data) for record in records if isinstance(record, Message)]
 
 
 class Orders:
