@@ -1,4 +1,4 @@
-"""The DuckDB file of ended orders, their steps and all events: a cache that may be deleted."""
+"""The DuckDB file of ended orders, and the events of all: a cache that may be deleted."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -15,9 +15,12 @@ import msgspec
 import structlog
 
 from ledger.events import AnyEvent
+from ledger.events.orders import OfOrder
+from ledger.scene import Value
 from ledger.state import Order
+from projections.order_keys import key_of
 from projections.projector import Projector
-from projections.tables import EVENTS, ORDERS, SCHEMA_VERSION, STEPS, arrow, ddl, steps_of
+from projections.tables import KEYS, ORDER_EVENTS, ORDERS, SCHEMA_VERSION, arrow, ddl
 
 CATCH_UP_EVENTS = 20_000  # in one transaction when rebuilding
 LOCK_TRIES = 50  # `fleetledger sql` holds the file only while it copies it
@@ -32,6 +35,16 @@ Read: TypeAlias = Callable[[int], Iterator[AnyEvent]]  # events behind a positio
 log = structlog.get_logger()
 
 
+class Checkpoint(Value, frozen=True):
+    """How far the file is, and what it has to hold then."""
+
+    position: int
+    digest: str  # of the event there, to know the ledger by
+    orders: int  # rows
+    events: int  # rows
+    odd_ids: int  # orders whose id is not of our pattern
+
+
 class Archive:
     """The open file. One thread commits; readers take a cursor each."""
 
@@ -39,7 +52,7 @@ class Archive:
         self._connection = connection
         self._path = path
         self._cursors: WeakSet[duckdb.DuckDBPyConnection] = WeakSet()
-        self.position, self._digest, self._orders = _checkpoint(connection)
+        self._at = _checkpoint(connection)
 
     @classmethod
     def open(cls, path: Path | None) -> "Archive":
@@ -69,12 +82,11 @@ class Archive:
             "BEGIN;"
             + ";".join(
                 (
-                    ddl("orders_done", ORDERS),
-                    ddl("steps_done", STEPS),
-                    ddl("events", EVENTS),
-                    "CREATE TABLE checkpoint "
-                    "(version BIGINT, position BIGINT, digest VARCHAR, orders BIGINT)",
-                    f"INSERT INTO checkpoint VALUES ({SCHEMA_VERSION}, 0, '', 0)",
+                    ddl("orders_done", (*ORDERS, *KEYS)),
+                    ddl("order_events", ORDER_EVENTS),
+                    "CREATE TABLE checkpoint (version BIGINT, position BIGINT, digest VARCHAR, "
+                    "orders BIGINT, events BIGINT, odd_ids BIGINT)",
+                    f"INSERT INTO checkpoint VALUES ({SCHEMA_VERSION}, 0, '', 0, 0, 0)",
                 )
             )
             + "; COMMIT"
@@ -92,50 +104,58 @@ class Archive:
         ).fetchone() or (0,)
         if path.stat().st_size < size:
             raise _Unusable(f"{path.stat().st_size} bytes of {size} are left")
-        for table, due in (("events", self.position), ("orders_done", self._orders)):
+        at = self._at
+        for table, due in (("order_events", at.events), ("orders_done", at.orders)):
             (rows,) = one(f"SELECT count(*) FROM {table}").fetchone() or (0,)
             if rows != due:
                 raise _Unusable(f"{table} has {rows} rows, not {due}, at {self.position}")
-        newest = one("SELECT count(*) FROM events WHERE position = ?", [self.position])
-        if self.position and newest.fetchone() != (1,):
-            raise _Unusable(f"the event at {self.position} is missing")
 
     def belongs_to(self, read: Read) -> bool:
         """Whether the ledger holds, at our checkpoint, the very event we stopped at."""
         if self.position == 0:
             return True
         event = next(read(self.position - 1), None)
-        return event is not None and _digest_of(event) == self._digest
+        return event is not None and _digest_of(event) == self._at.digest
+
+    @property
+    def position(self) -> int:
+        """Position of the newest event that is taken in."""
+        return self._at.position
 
     def commit(self, projector: Projector) -> None:
         """Append what the projector has gathered, and the checkpoint, in one transaction."""
         if not projector.events:
             return
-        orders = arrow(ORDERS, projector.ended)
-        steps = arrow(STEPS, [step for placed in projector.ended for step in steps_of(placed)])
-        events = arrow(EVENTS, projector.events)
         newest = projector.events[-1]
-        digest = _digest_of(newest)
+        orders = arrow((*ORDERS, *KEYS), projector.ended)
+        events = arrow(ORDER_EVENTS, [e for e in projector.events if isinstance(e, OfOrder)])
+        at = Checkpoint(
+            position=newest.position,
+            digest=_digest_of(newest),
+            orders=self._at.orders + orders.num_rows,
+            events=self._at.events + events.num_rows,
+            odd_ids=self._at.odd_ids + sum(key_of(p.order.id) is None for p in projector.ended),
+        )
         connection = self._connection
         connection.execute("BEGIN")
         try:
-            for table, rows in (("orders_done", orders), ("steps_done", steps), ("events", events)):
+            for table, rows in (("orders_done", orders), ("order_events", events)):
                 if rows.num_rows:
                     connection.register("fresh", rows)
                     connection.execute(f"INSERT INTO {table} SELECT * FROM fresh")
                     connection.unregister("fresh")
             (moved,) = connection.execute(
-                "UPDATE checkpoint SET position = ?, digest = ?, orders = orders + ? "
-                "WHERE position = ?",
-                [newest.position, digest, orders.num_rows, self.position],
+                "UPDATE checkpoint SET position = ?, digest = ?, orders = ?, events = ?, "
+                "odd_ids = ? WHERE position = ?",
+                [at.position, at.digest, at.orders, at.events, at.odd_ids, self._at.position],
             ).fetchone() or (0,)
-            assert moved == 1, f"the checkpoint was not at {self.position}"
+            assert moved == 1, f"the checkpoint was not at {self._at.position}"
             connection.execute("COMMIT")
         except BaseException:
-            connection.execute("ROLLBACK")
+            with suppress(duckdb.Error):  # a failed COMMIT has rolled back
+                connection.execute("ROLLBACK")
             raise
-        self.position, self._digest = newest.position, digest
-        self._orders += orders.num_rows
+        self._at = at
         projector.clear()
 
     def catch_up(
@@ -226,14 +246,15 @@ def _connect(path: Path | None) -> duckdb.DuckDBPyConnection:
     raise TimeoutError(f"another process holds {path}; stop it, or delete the file")
 
 
-def _checkpoint(connection: duckdb.DuckDBPyConnection) -> tuple[int, str, int]:
+def _checkpoint(connection: duckdb.DuckDBPyConnection) -> Checkpoint:
     (version,) = connection.execute("SELECT max(version) FROM checkpoint").fetchone() or (None,)
     if version != SCHEMA_VERSION:
         raise _Unusable(f"its tables have version {version}, {SCHEMA_VERSION} is wanted")
-    found = connection.execute("SELECT position, digest, orders FROM checkpoint").fetchall()
+    names = ", ".join(Checkpoint.__struct_fields__)
+    found = connection.execute(f"SELECT {names} FROM checkpoint").fetchall()
     if len(found) != 1:
         raise _Unusable(f"it has {len(found)} checkpoints")
-    return int(found[0][0]), str(found[0][1]), int(found[0][2])
+    return Checkpoint(*found[0])
 
 
 def _digest_of(event: AnyEvent) -> str:

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any, assert_never
 
-from projections.fields import Field, FieldType
+from projections.fields import ID, Field, FieldType
+from projections.order_keys import key_of
 from projections.query import Both, Condition, Either, How, Not, Test
 from projections.sorting import Key
 
@@ -27,10 +28,15 @@ def where(condition: Condition) -> tuple[str, list[Any]]:
     return _sql(condition, parameters), parameters
 
 
-def order_by(keys: Sequence[Key]) -> str:
-    """Give the ORDER BY list: nulls last either way, text by code point."""
+def order_by(keys: Sequence[Key], *, by_id_key: bool = False) -> str:
+    """Give the ORDER BY list: nulls last either way, text by code point.
+
+    Integers stand for ids where all have one: they sort alike, and faster.
+    """
     return ", ".join(
-        f"{column(key.field)} {'DESC' if key.descending else 'ASC'} NULLS LAST" for key in keys
+        ("id_key" if by_id_key and key.field is ID else column(key.field))
+        + (" DESC NULLS LAST" if key.descending else " ASC NULLS LAST")
+        for key in keys
     )
 
 
@@ -70,6 +76,9 @@ def _test(test: Test, name: str, parameters: list[Any]) -> str:
         return f"{name} {test.how.value} {column(test.other)}"
     if test.how is How.IN:
         return _in(test, name, parameters)
+    if test.field is ID and test.how is How.EQUAL and (key := key_of(test.value)) is not None:
+        parameters += (key.key, test.value)
+        return f"(id_key = ? AND {name} = ?)"
     parameters.append(test.value)
     if test.how in _COMPARE:
         return f"{name} {test.how.value} ?"

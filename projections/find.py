@@ -10,18 +10,18 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any, TypeAlias, TypeVar
 
 import duckdb
-import msgspec
 
 from ledger.errors import Refused
 from ledger.ids import OrderId
 from ledger.scene import Value
 from ledger.state import Fleet, Order
 from projections.condition_python import predicate
-from projections.condition_sql import column, order_by, where
+from projections.ended import can_match
+from projections.ended_rows import Ended, ended_order
 from projections.fields import CREATED, ID, SHOWN, Field, Row, row
 from projections.live import Live, Moment
-from projections.query import ALL, Condition, How, Test, folded
-from projections.reading import CHUNK_ROWS, Reader, Rebuilding
+from projections.query import ALL, Condition, folded
+from projections.reading import CHUNK_ROWS, Reader, Select
 from projections.sorting import Key, Rank, rank
 
 ROWS_MAX = 1_000_000  # of one answer without a limit
@@ -101,10 +101,17 @@ class Find:
             total = _count(cursor, moment, asked)
             return Page(rows=tuple(rows), total=total, position=moment.position)
 
-        return await self._reader.run(both, moment.history_position)
+        if can_match(asked.condition):
+            return await self._reader.run(both, moment.history_position)
+        rows = await self.beside(lambda: _of_memory(moment, asked, None))
+        some = tuple(ranked.row for ranked in rows[skip : skip + limit])
+        return Page(rows=some, total=len(rows), position=moment.position)
 
     async def some(self, asked: Asked, skip: int, limit: int, at_ms: At | None = None) -> Page:
         """Give rows `skip` to `skip + limit`; `total` is only their number."""
+        if not can_match(asked.condition):
+            page = await self.page(asked, skip, limit, at_ms)
+            return Page(rows=page.rows, total=len(page.rows), position=page.position)
         moment = await self.moment(at_ms)
         rows = await self._reader.run(
             lambda c: _window(c, moment, asked, skip, limit), moment.history_position
@@ -114,6 +121,8 @@ class Find:
     async def count(self, asked: Asked, at_ms: At | None = None) -> tuple[int, int]:
         """Give the number of rows, and the position at which it is so."""
         moment = await self.moment(at_ms)
+        if not can_match(asked.condition):
+            return await self.beside(lambda: _count_memory(moment, asked)), moment.position
         number = await self._reader.run(lambda c: _count(c, moment, asked), moment.history_position)
         return number, moment.position
 
@@ -122,6 +131,9 @@ class Find:
     ) -> tuple[int, AsyncIterator[list[Row]]]:
         """Give the position, and the rows behind `skip` in chunks, so that many need no memory."""
         moment = await self.moment(at_ms)
+        if not can_match(asked.condition):
+            some = await self.beside(lambda: _of_memory(moment, asked, None))
+            return moment.position, _chunks(_each(some), skip, limit)
         total = await self._reader.run(lambda c: _count(c, moment, asked), moment.history_position)
         if limit is None and total - skip > ROWS_MAX:
             raise Refused(
@@ -137,10 +149,13 @@ class Find:
     async def _merged(self, moment: Moment, asked: Asked, need: int | None) -> AsyncIterator[Row]:
         """Give the rows of memory and of DuckDB in one order, at least the first `need`."""
         memory = deque(_of_memory(moment, asked, need))
-        sql, parameters = _select(moment, asked)
-        if need is not None:
-            sql, parameters = f"{sql} LIMIT ?", [*parameters, need]
-        async for found in self._reader.stream(sql, parameters, moment.history_position):
+        until = moment.history_position
+
+        def select(cursor: duckdb.DuckDBPyConnection) -> Select:
+            ended = Ended(cursor, until, asked.condition, asked.fuzzy)
+            return ended.select(asked.fields, asked.sort, need)
+
+        async for found in self._reader.stream(select, until):
             for values in found:
                 ended = _ranked(asked, values)
                 while memory and memory[0].rank < ended.rank:
@@ -160,22 +175,13 @@ class Find:
         if known is not None:
             return known, position
         need = min(self.live.history_position, position)
-        found = await self._reader.run(lambda c: _ended_order(c, id_, position, need))
+        found = await self._reader.run(lambda c: ended_order(c, id_, position, need))
         return found, position
 
 
-def _ended_order(
-    cursor: duckdb.DuckDBPyConnection, id_: OrderId, position: int, need: int
-) -> Order | None:
-    """Give an order out of DuckDB, which need not have all rows up to `need` if it has this."""
-    have = cursor.execute("SELECT position FROM checkpoint").fetchone() or (0,)
-    sql = "SELECT body FROM orders_done WHERE id = ? AND done_position <= ?"
-    found = cursor.execute(sql, [id_, position]).fetchone()
-    if found is not None:
-        return msgspec.json.decode(found[0], type=Order)
-    if have[0] < need:
-        raise Rebuilding(have[0], need)
-    return None
+async def _each(ranked: Sequence[_Ranked]) -> AsyncIterator[Row]:
+    for one in ranked:
+        yield one.row
 
 
 async def _chunks(
@@ -250,9 +256,8 @@ def _window(
         memory.sort(key=lambda ranked: ranked.rank)
         return [ranked.row for ranked in memory[skip : skip + limit]]
     start = max(0, skip - len(memory))
-    sql, parameters = _select(moment, asked)
-    sql += " LIMIT ? OFFSET ?"
-    found = cursor.execute(sql, [*parameters, skip + limit - start, start]).fetchall()
+    ended = Ended(cursor, moment.history_position, asked.condition, asked.fuzzy)
+    found = ended.window(asked.fields, asked.sort, start, skip + limit - start)
     merged = memory + [_ranked(asked, values) for values in found]
     merged.sort(key=lambda ranked: ranked.rank)
     return [ranked.row for ranked in merged[skip - start : skip - start + limit]]
@@ -260,39 +265,21 @@ def _window(
 
 def _count(cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked) -> int:
     """Count in a query of its own: as part of the page it is ten times slower (measured)."""
-    condition, parameters = _where(moment, asked)
-    sql = f"SELECT count(*) FROM orders_done WHERE {condition}"
-    (ended,) = cursor.execute(sql, parameters).fetchone() or (0,)
-    holds = predicate(asked.condition)
-    part = None if asked.fuzzy is None else folded(asked.fuzzy)
+    ended = Ended(cursor, moment.history_position, asked.condition, asked.fuzzy).count()
+    return ended + _count_memory(moment, asked)
+
+
+def _count_memory(moment: Moment, asked: Asked) -> int:
     orders = (*moment.orders, *moment.ended)
+    part = None if asked.fuzzy is None else folded(asked.fuzzy)
     if part is None and asked.condition == ALL:
-        return len(orders) + int(ended)
+        return len(orders)
+    holds = predicate(asked.condition)
     names = moment.scene_names
-    return int(ended) + sum(
+    return sum(
         (part is None or part in folded(order.id)) and holds(order, names.get(order.scene, ""))
         for order in orders
     )
-
-
-def _select(moment: Moment, asked: Asked) -> tuple[str, list[Any]]:
-    condition, parameters = _where(moment, asked)
-    columns = ", ".join(column(f) for f in (*asked.fields, *(key.field for key in asked.sort)))
-    return (
-        f"SELECT {columns} FROM orders_done WHERE {condition} ORDER BY {order_by(asked.sort)}",
-        parameters,
-    )
-
-
-def _where(moment: Moment, asked: Asked) -> tuple[str, list[Any]]:
-    condition, parameters = where(asked.condition)
-    sql = f"done_position <= ? AND {condition}"
-    parameters = [moment.history_position, *parameters]
-    if asked.fuzzy is not None:
-        part, more = where(Test(field=ID, how=How.CONTAIN_FOLDED, value=folded(asked.fuzzy)))
-        sql += f" AND {part}"
-        parameters += more
-    return sql, parameters
 
 
 def _ranked(asked: Asked, values: Sequence[Any]) -> _Ranked:

@@ -1,11 +1,11 @@
 """Reading DuckDB for queries: threads, a cursor for each query, and a limit on its time."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from threading import Lock
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 import duckdb
 
@@ -25,6 +25,7 @@ UNREADABLE = (
 )
 
 T = TypeVar("T")
+Select: TypeAlias = tuple[str, list[Any]]  # a statement and its parameters
 
 
 class TooSlow(Refused):
@@ -84,12 +85,12 @@ class Reader:
             self._threads.submit(one.close)
 
     async def stream(
-        self, sql: str, parameters: Sequence[Any], need: int = 0
+        self, select: Callable[[duckdb.DuckDBPyConnection], Select], need: int = 0
     ) -> AsyncIterator[list[Any]]:
         """Give rows in chunks, so that an answer of any length needs little memory."""
         one = _One(self._cursor(need))
         try:
-            await self._limited(one, lambda cursor: cursor.execute(sql, list(parameters)))
+            await self._limited(one, lambda cursor: cursor.execute(*select(cursor)))
             while chunk := await self._limited(one, lambda c: c.fetchmany(CHUNK_ROWS)):
                 yield chunk
         finally:

@@ -11,13 +11,17 @@ from ledger.state import Order
 from projections.archive import Read
 from projections.history import History
 from projections.live import Live
+from projections.order_keys import key_of
 
 _event: msgspec.json.Decoder[AnyEvent] = msgspec.json.Decoder(AnyEvent)
 _order = msgspec.json.Decoder(Order)
 
 NEWS_MAX = 50_000  # events read from the ledger itself; behind more, DuckDB is waited for
 
-_EVENTS = 'SELECT body FROM events WHERE order_id = ? AND "position" <= ? ORDER BY "position"'
+_EVENTS = (
+    "SELECT body FROM order_events WHERE id_key IS NOT DISTINCT FROM ? AND order_id = ? "
+    'AND "position" <= ? ORDER BY "position"'
+)
 _ENDED = (
     "SELECT body FROM orders_done WHERE scene_id = ? AND done_position <= ? "
     "ORDER BY created_on DESC, id DESC LIMIT ?"
@@ -41,7 +45,9 @@ class Stories:
         projected = self._history.position
         behind = self._history.newest - NEWS_MAX
         with self._history.cursor(max(projected, behind)) as cursor:
-            rows = cursor.execute(_EVENTS, [order, projected]).fetchall()
+            key = key_of(order)
+            keyed = None if key is None else key.key
+            rows = cursor.execute(_EVENTS, [keyed, order, projected]).fetchall()
         found = [_event.decode(body) for (body,) in rows]
         news = self._read(projected)
         return [*found, *(e for e in news if isinstance(e, OfOrder) and e.order == order)]

@@ -11,6 +11,7 @@ from ledger.events.orders import OfOrder
 from ledger.scene import Value
 from ledger.state import Order, Step
 from projections.fields import FIELDS, FieldType
+from projections.order_keys import key_of
 
 SCHEMA_VERSION = 2  # of the tables; a file of another version is built anew
 
@@ -61,6 +62,11 @@ def _robot(event: AnyEvent) -> str | None:
     return event.config.name if isinstance(event, RobotAdded) else getattr(event, "robot", None)
 
 
+def _part(id_: str, name: str) -> int | None:
+    key = key_of(id_)
+    return None if key is None else getattr(key, name)
+
+
 def _bind(read: Callable[[Order, str], Any]) -> Callable[[Placed], Any]:
     return lambda placed: read(placed.order, placed.scene_name)
 
@@ -89,6 +95,18 @@ STEPS: tuple[Column[PlacedStep], ...] = (
     _col("started_on", "BIGINT", lambda s: s.step.started_ms, "When the robot set out."),
     _col("ended_on", "BIGINT", lambda s: s.step.ended_ms, "When it was done."),
     _col("version", "BIGINT", lambda s: s.step.version, "Counts its changes."),
+)
+# what the history looks orders up by; null where an id is not of our pattern
+KEYS: tuple[Column[Placed], ...] = (
+    _col("id_key", "BIGINT", lambda p: _part(p.order.id, "key"), "The id, as an integer."),
+    _col("id_day", "BIGINT", lambda p: _part(p.order.id, "day"), "Its day, yyyymmdd."),
+    _col("id_number", "BIGINT", lambda p: _part(p.order.id, "number"), "Its number in the day."),
+)
+ORDER_EVENTS: tuple[Column[OfOrder], ...] = (
+    _col("position", "BIGINT", lambda e: e.position, "Position in the ledger."),
+    _col("order_id", "VARCHAR", lambda e: e.order, "Id of its order."),
+    _col("id_key", "BIGINT", lambda e: _part(e.order, "key"), "The id, as an integer."),
+    _col("body", "VARCHAR", lambda e: msgspec.json.encode(e).decode(), "The event as JSON."),
 )
 EVENTS: tuple[Column[AnyEvent], ...] = (
     _col("position", "BIGINT", lambda e: e.position, "Position in the ledger, from 1."),

@@ -105,7 +105,7 @@ class Side:
         self.log = log
         self.live = Live(log.fleet_at(position))
         self.history = History(folder / "history.duckdb", self.live)
-        self.history.start(Log(log.events[:position]).read, log.fleet_at)
+        self.history.start(Log(log.events[:position]).read, log.fleet_at, wait_s=20)
         self.reader = Reader(self.history.cursor, self.history.damaged)
         self.find = Find(self.live, self.reader, log.moment, lambda: log.events[-1].at_ms)
 

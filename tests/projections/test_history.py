@@ -5,29 +5,37 @@ from pathlib import Path
 import duckdb
 import pytest
 
+from ledger.events.orders import OfOrder
 from projections.history import QUEUE_EVENTS_MAX, History
 from projections.live import Live
 from tests.projections.past import Log, all_orders, long_log
 
 LOG = long_log()
+PATIENCE_S = 20.0
 ENDED = sorted(id_ for id_, order in all_orders(LOG).items() if order.terminal)
 
 
 def opened(path: Path, log: Log = LOG) -> tuple[History, Live]:
     live = Live(log.fleet_at(len(log.events)))
     history = History(path, live)
-    history.start(log.read, log.fleet_at)
+    history.start(log.read, log.fleet_at, PATIENCE_S)
     return history, live
 
 
-def contents(history: History) -> tuple[list[str], int, int]:
+def contents(history: History) -> tuple[list[str], list[int], int]:
     cursor = history.cursor()
     ids = [id_ for (id_,) in cursor.execute("SELECT id FROM orders_done ORDER BY id").fetchall()]
-    events = cursor.execute("SELECT count(*), max(position) FROM events").fetchall()[0]
-    return ids, *events
+    events = cursor.execute("SELECT position FROM order_events ORDER BY position").fetchall()
+    return ids, [position for (position,) in events], history.position
 
 
-WHOLE = (ENDED, len(LOG.events), len(LOG.events))
+def whole(log: Log = LOG) -> tuple[list[str], list[int], int]:
+    ended = sorted(id_ for id_, order in all_orders(log).items() if order.terminal)
+    of_orders = [event.position for event in log.events if isinstance(event, OfOrder)]
+    return ended, of_orders, len(log.events)
+
+
+WHOLE = whole()
 
 
 def test_a_missing_file_is_built_from_the_log(tmp_path: Path) -> None:
@@ -81,7 +89,7 @@ def test_a_file_ahead_of_the_log_is_built_anew(tmp_path: Path) -> None:
     history.close()
     part = Log(LOG.events[:100])
     history, _ = opened(path, part)
-    assert contents(history)[1:] == (100, 100)
+    assert contents(history) == whole(part)
     history.close()
 
 

@@ -1,0 +1,133 @@
+"""Order ids as integers, whose order is that of the ids as text.
+
+Ids are `TO<yyyymmdd>-<6 to 9 digits>` and a letter for the system's own orders. Of text DuckDB
+compares the first eight characters when it looks which blocks it may skip, and those are the same
+for a month; of integers it compares all, and reads them ten times as fast (measured).
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import date, timedelta
+from functools import lru_cache
+
+import duckdb
+
+from ledger.scene import Value
+
+LETTERS = "ACP"  # of the system's own orders, in order
+DIGITS_MIN, DIGITS_MAX = 6, 9
+CODES = 16  # for the number of digits and the letter
+# a number of more digits than six does not begin with zero, so each has one text
+_ID = re.compile(r"TO([0-9]{8})-([0-9]{6}|[1-9][0-9]{6,8})([ACP]?)")
+
+_PART_OF_DAY = re.compile(r"t?o?[0-9]{0,8}", re.ASCII)
+_PART_OF_NUMBER = re.compile(r"([0-9]*)([acp]?)", re.ASCII)
+_NUMBERS = "id_number IN (SELECT n FROM range(?) numbers(n) WHERE {}(printf('%06d', n), ?))"
+DAYS_MAX = 40_000  # in the span of a history; what is longer has ids of other systems
+
+Sql = tuple[str, list[object]]
+
+
+class OrderKey(Value, frozen=True, kw_only=True):
+    """An id of our pattern: `key` is the whole of it, the others are its parts."""
+
+    key: int
+    day: int  # yyyymmdd
+    number: int
+
+
+@lru_cache(maxsize=4096)  # the events of an order come close to each other
+def key_of(id_: str) -> OrderKey | None:
+    """Read an id; None where it is not of our pattern.
+
+    Text is compared digit by digit: numbers are aligned to the left, and of those then alike the
+    shorter comes first, unless a letter follows, which comes after every digit.
+    """
+    found = _ID.fullmatch(id_)
+    if found is None:
+        return None
+    day, digits, letter = found[1], found[2], found[3]
+    with suppress(ValueError):
+        return _key(int(day), digits, letter)
+    return None  # no day of the calendar
+
+
+def _key(day: int, digits: str, letter: str) -> OrderKey:
+    _date(day)
+    if letter:
+        code = 4 + (DIGITS_MAX - len(digits)) * len(LETTERS) + LETTERS.index(letter)
+    else:
+        code = len(digits) - DIGITS_MIN
+    aligned = int(digits.ljust(DIGITS_MAX, "0"))
+    key = (day * 10**DIGITS_MAX + aligned) * CODES + code
+    return OrderKey(key=key, day=day, number=int(digits))
+
+
+def contains(cursor: duckdb.DuckDBPyConnection, part: str) -> Sql:
+    """Give the SQL that finds a part, in small letters, in the ids of our pattern.
+
+    A part lies in the day, in the number, or in both with the hyphen between them. So it is looked
+    for among the few days and numbers there are, and the orders are searched for integers.
+    """
+    spans = "SELECT min(id_day), max(id_day), max(id_number) FROM orders_done"
+    first, last, number_max = cursor.execute(spans).fetchone() or (None, None, None)
+    if first is None or not part:
+        return ("id_key IS NOT NULL", [])
+    days = list(_days(first, last))
+    ways: list[Sql] = []
+    before, hyphen, behind = part.partition("-")
+    if hyphen:
+        in_days = [day for day in days if f"to{day}".endswith(before)]
+        in_number = _number(behind, "starts_with", number_max, part)
+        if in_number is not None:
+            sql, parameters = _one_of(in_days, len(days))
+            ways.append((f"({sql} AND {in_number[0]})", [*parameters, *in_number[1]]))
+    else:
+        if _PART_OF_DAY.fullmatch(part):
+            ways.append(_one_of([day for day in days if part in f"to{day}"], len(days)))
+        in_number = _number(part, "contains", number_max, part)
+        if in_number is not None:
+            ways.append(in_number)
+    ways = [way for way in ways if way[0] != "false"]
+    if any(sql == "true" for sql, _ in ways):
+        return ("id_key IS NOT NULL", [])
+    if not ways:
+        return ("false", [])
+    joined = " OR ".join(sql for sql, _ in ways)
+    return (f"({joined})", [value for _, values in ways for value in values])
+
+
+def _number(text: str, how: str, number_max: int, part: str) -> Sql | None:
+    """Find the numbers with a text at the place that `how` says; None where none can have it."""
+    found = _PART_OF_NUMBER.fullmatch(text)
+    if found is None:
+        return None
+    digits, letter = found[1], found[2]
+    if letter:  # it stands at the end, so the digits before it do
+        sql = _NUMBERS.format("suffix")
+        return (f"({sql} AND contains(lower(id), ?))", [number_max + 1, digits, part])
+    if not digits:
+        return ("true", [])
+    return (_NUMBERS.format(how), [number_max + 1, digits])
+
+
+def _one_of(days: list[int], of: int) -> Sql:
+    if len(days) == of:
+        return ("true", [])
+    if not days:
+        return ("false", [])
+    return ("id_day IN (SELECT unnest(?))", [days])
+
+
+def _days(first: int, last: int) -> Iterator[int]:
+    day, end = _date(first), _date(last)
+    for _ in range(DAYS_MAX):
+        yield day.year * 10_000 + day.month * 100 + day.day
+        if day >= end:
+            return
+        day += timedelta(days=1)
+
+
+def _date(day: int) -> date:
+    return date(day // 10_000, day // 100 % 100, day % 100)
