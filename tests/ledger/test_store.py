@@ -304,3 +304,36 @@ def test_many_threads_keep_one_dense_order(tmp_path: Path) -> None:
     )
     for first, second in zip(events[::2], events[1::2], strict=True):
         assert first.command == second.command, "a command's events stay together"
+
+
+def test_without_a_thread_a_commit_is_made_where_somebody_waits(tmp_path: Path) -> None:
+    ledger = FileLedger.open(tmp_path, threaded=False)
+    heard: list[int] = []
+    ledger.listen(lambda events: heard.append(threading.get_ident()))
+    for start in (0, 3, 6):
+        ledger.append(EVENTS[start : start + 3], start)
+    assert ledger.durable == 0
+    assert ledger.wait(9, 0)
+    assert not ledger.step()
+    assert heard == [threading.get_ident()]
+    ledger.append(EVENTS[9:12], 9)
+    assert ledger.step()
+    assert ledger.durable == 12
+    ledger.append(EVENTS[12:15], 12)
+    ledger.close()
+    ledger.close()
+    assert list(read_folder(tmp_path)) == EVENTS[:15]
+
+
+def test_without_a_thread_a_failure_ends_it_just_so(tmp_path: Path) -> None:
+    disk = FailingDisk(sync=1)  # the new segment's own one passes
+    ledger = FileLedger.open(tmp_path, disk=disk, threaded=False)
+    ledger.append(EVENTS[:3], 0)
+    with pytest.raises(Unknown):
+        ledger.wait(3, 0)
+    assert not ledger.step()
+    with pytest.raises(Unknown):
+        ledger.append(EVENTS[:3], 0)
+    ledger.close()
+    assert disk.calls_after == []
+    FileLedger.open(tmp_path).close()
