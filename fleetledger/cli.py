@@ -301,4 +301,7 @@ def _leave(code: int) -> NoReturn:
 
 def main() -> None:
     """Entry point of the program `fleetledger`."""
-    app(prog_name="fleetledger", args=sys.argv[1:])
+    try:
+        app(prog_name="fleetledger", args=sys.argv[1:])
+    except SystemExit as end:  # the last words of a refusal are the hint
+        _leave(end.code if isinstance(end.code, int) else 0)

@@ -1,5 +1,6 @@
 """Children end when the server has gone, however it went."""
 
+import os
 import sys
 import threading
 
@@ -7,9 +8,11 @@ import threading
 def stop_when_orphaned() -> threading.Event:
     """Give an event that is set when standard input closes: then the server has gone."""
     stop = threading.Event()
+    descriptor = sys.stdin.fileno()
 
     def watch() -> None:
-        while sys.stdin.buffer.read(4096):
+        # not by sys.stdin: its lock, held here, would abort a child that ends by itself
+        while os.read(descriptor, 4096):
             pass
         stop.set()
 

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 import pytest
+from structlog.testing import capture_logs
 
 from ledger import mcap_records as mcap
 from ledger import sealed
@@ -384,15 +385,16 @@ def test_random_damage_to_a_large_ledger_is_found(seed: int) -> None:
 
 def stage(seed: int) -> None:
     """For the soak: every cut and many bits of small ledgers, and random damage to large ones."""
-    for kind in KINDS:
-        with TemporaryDirectory() as folder:
-            data = Path(folder)
-            events = kind(data)
-            files = contents(data)
-            size = len(files[ONE])
-            for at in range(size):
-                check(data, events, cut(data, files, at), cut=True)
-            for bit in range(seed % 7, 8 * size, 7):
-                check(data, events, flip(data, files, ONE, bit))
-    for number in range(3):
-        random_damage(seed * 3 + number, 40)
+    with capture_logs():  # of torn tails: thousands
+        for kind in KINDS:
+            with TemporaryDirectory() as folder:
+                data = Path(folder)
+                events = kind(data)
+                files = contents(data)
+                size = len(files[ONE])
+                for at in range(size):
+                    check(data, events, cut(data, files, at), cut=True)
+                for bit in range(seed % 11, 8 * size, 11):
+                    check(data, events, flip(data, files, ONE, bit))
+        for number in range(2):
+            random_damage(seed * 2 + number, 40)
