@@ -115,7 +115,7 @@ class Archive:
         if self.position == 0:
             return True
         event = next(read(self.position - 1), None)
-        return event is not None and _digest_of(event) == self._at.digest
+        return event is not None and digest_of(event) == self._at.digest
 
     @property
     def position(self) -> int:
@@ -131,7 +131,7 @@ class Archive:
         events = arrow(ORDER_EVENTS, [e for e in projector.events if isinstance(e, OfOrder)])
         at = Checkpoint(
             position=newest.position,
-            digest=_digest_of(newest),
+            digest=digest_of(newest),
             orders=self._at.orders + orders.num_rows,
             events=self._at.events + events.num_rows,
             odd_ids=self._at.odd_ids + sum(key_of(p.order.id) is None for p in projector.ended),
@@ -257,7 +257,8 @@ def _checkpoint(connection: duckdb.DuckDBPyConnection) -> Checkpoint:
     return Checkpoint(*found[0])
 
 
-def _digest_of(event: AnyEvent) -> str:
+def digest_of(event: AnyEvent) -> str:
+    """Give what an event is known by."""
     return hashlib.sha256(msgspec.json.encode(event)).hexdigest()
 
 
