@@ -17,6 +17,7 @@ NAMES = (
     "sim",
     "shift",
     "stream",
+    "telemetry",
 )
 RESULTS = Path(__file__).parent / "results"
 

@@ -13,6 +13,7 @@ measured in a shift of 30 robots: 1.55 a second and robot, 6.7 polygons of 6.5 p
 import argparse
 import asyncio
 import re
+import socket
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ from pathlib import Path
 import msgspec
 
 from bench.sim import STEP_S, Wanderers
+from fleetledger.collector import tame
 from fleetledger.intake import Intake
 from ledger.bus import plans_key, report_key
 from ledger.ids import PathKey, PointName, RobotName, SceneId
@@ -105,6 +107,7 @@ def plans_of(reports: list[Report], tick: int) -> list[Plan]:
 def log_alone(folder: Path, seconds: int, *, driving: float) -> dict[str, float | str]:
     """Measure CPU time of the log for a second of the plant, and its files."""
     plant, log, spent_s = Plant(driving=driving), TelemetryLog(folder), 0.0
+    tame()
     worst_s = 0.0
     for _ in range(seconds * 10 // WRITE_EVERY):
         plans: list[Plan] = []
@@ -172,6 +175,8 @@ async def intake(folder: Path, endpoint: str, seconds: int) -> dict[str, float |
 
     task = Intake(bus, asyncio.get_running_loop(), log, observe, live.intend)
     task.start()
+    tame()
+    sys.setswitchinterval(0.0005)  # as `serve` does
     command = [sys.executable, "-m", "bench.telemetry", "--publish", endpoint]
     with subprocess.Popen(
         [*command, "--seconds", str(seconds + 2)],
@@ -235,8 +240,6 @@ def main() -> list[dict[str, float | str]] | None:
 
 
 def _free_port() -> int:
-    import socket
-
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

@@ -40,7 +40,7 @@ from fleetledger.disk_guard import MB, DiskGuard
 from fleetledger.durability import Durability
 from fleetledger.ending import Ending
 from fleetledger.http import ThinRoute
-from fleetledger.intake import Intake
+from fleetledger.intake import Intake, telemetry_log
 from fleetledger.listening import served, tls_of
 from fleetledger.new_id import new_id
 from fleetledger.processes import Child
@@ -58,7 +58,6 @@ from ledger.moment import At
 from ledger.snapshot import Snapshotter, restore
 from ledger.state import Fleet
 from ledger.store import FileLedger
-from ledger.telemetry import CHUNK_MS, TelemetryLog
 from ledger.telemetry_read import plans_at, reports_at
 from ledger.zenoh_bus import LOOPBACK, ZenohBus
 from projections.api.m4_resources import external_map_res
@@ -222,9 +221,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         for path in settings.scene:
             await core.import_scene(path)
         await core.begin()
-        telemetry = TelemetryLog(
-            settings.telemetry, chunk_ms=int(CHUNK_MS * max(1.0, settings.speed))
-        )
+        telemetry = telemetry_log(settings)
         stack.callback(telemetry.close)
         endpoint = f"{LOOPBACK}:{settings.feed_port or _free_port()}"
         bus = ZenohBus(endpoint, ())
@@ -238,6 +235,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
             live.intend,
             core.logs_messages_of,
             live.devices,
+            core.clock.now_ms,
         )
         intake.start()
         stack.callback(intake.stop)

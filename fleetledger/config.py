@@ -68,6 +68,12 @@ class Settings(BaseSettings):
     )
     tls_cert: Path | None = Field(None, description="PEM file of the certificate chain.")
     tls_key: Path | None = Field(None, description="PEM file of its key.")
+    telemetry_keep_days: float = Field(
+        7.0, ge=0, description="Age at which telemetry files go; 0 = none is written."
+    )
+    telemetry_keep_mb: int = Field(
+        2048, ge=0, description="Megabytes of telemetry files kept; 0 = none is written."
+    )
     log_json: bool = False
 
     @model_validator(mode="after")

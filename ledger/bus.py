@@ -15,6 +15,7 @@ scheduler ─ `scenes/S/doors/ID/tell`, `scenes/S/lifts/ID/tell` ─► door or 
 scheduler ─ `scenes/S/doors` (JSON array of DoorState) ─► core
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Protocol, TypeAlias
 
@@ -26,6 +27,7 @@ STATE_KEY = "fleet/state"
 PROPOSE_KEY = "fleet/propose"
 
 Handler: TypeAlias = Callable[[str, bytes], None]  # key, payload
+Collected: TypeAlias = Callable[[], bytes | None]  # the oldest payload not yet fetched
 Responder: TypeAlias = Callable[[bytes], Iterable[bytes]]  # question -> answers
 Watcher: TypeAlias = Callable[[str, bool], None]  # key, alive
 
@@ -84,6 +86,12 @@ class Bus(Protocol):
     def subscribe(self, key: str, handler: Handler) -> None:
         """Get every message published under the key from now on."""
 
+    def collect(self, key: str, most: int) -> Collected:
+        """Keep messages under the key until they are fetched, the newest `most` of them.
+
+        For floods: a handler costs several times as much per message as fetching many at once.
+        """
+
     def respond(self, key: str, responder: Responder) -> None:
         """Answer the questions asked under the key."""
 
@@ -132,6 +140,12 @@ class MemoryBus:
         """Deliver matching messages to the handler from now on."""
         self._handlers.append((key, handler))
         self._heard_by.clear()
+
+    def collect(self, key: str, most: int) -> Collected:
+        """Keep the newest messages until they are fetched."""
+        kept: deque[bytes] = deque(maxlen=most)
+        self.subscribe(key, lambda _, payload: kept.append(payload))
+        return lambda: kept.popleft() if kept else None
 
     def respond(self, key: str, responder: Responder) -> None:
         """Answer the questions asked under the key."""

@@ -188,6 +188,7 @@ class Report(Value, frozen=True, kw_only=True):
 
 
 PLACE_M_MAX, ANGLE_RAD_MAX, RATE_MAX = 1e6, 1e3, 1e3  # of what a robot can mean
+AT_MS_MAX = 2**42  # the year 2109; later instants do not fit where nanoseconds are counted
 
 
 def implausible(report: Report) -> str | None:
@@ -202,6 +203,8 @@ def implausible(report: Report) -> str | None:
     for name, value, most in bounds:
         if not -most <= value <= most:
             return f"{name} {value} is not within {most:g}"
+    if not 0 <= report.at_ms <= AT_MS_MAX:
+        return f"at_ms {report.at_ms} is not between 0 and {AT_MS_MAX}"
     return None
 
 

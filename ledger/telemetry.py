@@ -1,8 +1,8 @@
 """The telemetry log: what robots reported and what traffic intended, best effort, kept for days.
 
-`DIR/telemetry/<UTC time>.mcap` holds our own exact batches (`telemetry_format`), from which any
-moment is read back (`telemetry_read`), and beside them `foxglove.PoseInFrame` for each robot, which
-Foxglove and Rerun draw as they are. None of it is needed to go on after a restart.
+`DIR/telemetry/<UTC time>.mcap` holds our own batches (`telemetry_format`), from which any moment is
+read back (`telemetry_read`), and beside them robots and grants as Foxglove's messages
+(`telemetry_drawing`), which viewers draw as they are. No restart needs any of it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -10,90 +10,33 @@ from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from threading import Lock
-from typing import Generic, TypeAlias, TypeVar
+from typing import TypeAlias
 
-import msgspec
 import structlog
 
 from ledger.ids import RobotKey, SceneId, robot_key
 from ledger.link import Plan, Report
-from ledger.telemetry_file import TelemetryFile
-from ledger.telemetry_format import (
-    LOOK_BACK_MS,
-    WHOLE_EVERY_MS,
-    PlanBatch,
-    ReportBatch,
-    files,
-)
+from ledger.telemetry_drawing import GRANTS, POSES, grants, poses
+from ledger.telemetry_file import Opened, TelemetryFile
+from ledger.telemetry_format import WHOLE_EVERY_MS, PlanBatch, ReportBatch, files
 from ledger.telemetry_read import plans_at, read_plans, read_telemetry, reports_at
+from ledger.telemetry_series import PlanSeries, ReportSeries
 
 __all__ = ["TelemetryLog", "plans_at", "read_plans", "read_telemetry", "reports_at"]
 
 SAMPLE_MS = 200  # a robot is written at most so often
-POSE_MS = 500  # and drawn for Foxglove and Rerun at most so often
+POSE_MS = 500  # and drawn for viewers at most so often
+GRANT_MS = 1_000  # what it was granted, too
 CHUNK_MS = 1_000  # so much is lost by kill -9 at most
 FILE_MS_MAX = 3_600_000
 FILE_BYTES_MAX = 64 * 1024 * 1024
-# The stock Writer keeps an entry for each channel of each chunk until the file is finished:
-# 250 k entries are about 25 MB.
-INDEX_ENTRIES_MAX = 250_000
-KEEP_MS = 7 * 24 * 3_600_000
+DAY_MS = 24 * 3_600_000
+KEEP_MS = 7 * DAY_MS
 KEEP_BYTES_MAX = 2 * 1024**3
 RETRY_MS = 60_000  # after a failed write (disk full), before a new file is tried
 
 log = structlog.get_logger()
-Item = TypeVar("Item", Report, Plan)
 Action: TypeAlias = Callable[[TelemetryFile], None]
-
-
-class _Series(Generic[Item]):
-    """The newest of every robot, and what of it is already in the file."""
-
-    def __init__(self, ignored: dict[str, int]) -> None:
-        self.newest: dict[RobotKey, Item] = {}
-        self.written: dict[RobotKey, Item] = {}
-        self.scenes: set[SceneId] = set()
-        self._ignored = ignored  # fields that change without anything having happened
-
-    def seed(self, scene: SceneId, items: Iterable[Item]) -> None:
-        """Begin with what an earlier run knew of a scene."""
-        self.scenes.add(scene)
-        for item in items:
-            self.newest.setdefault(robot_key(scene, item.robot), item)
-
-    def changed(self, items: Sequence[Item], sample_ms: int) -> dict[SceneId, list[Item]]:
-        """Take items in; give those worth writing: changed, and not too soon after the last."""
-        fresh: dict[RobotKey, Item] = {}
-        for item in items:
-            key = robot_key(item.scene, item.robot)
-            known = self.newest.get(key)
-            if known is not None and item.at_ms < known.at_ms:
-                continue  # overtaken on the way
-            self.newest[key] = item
-            last = self.written.get(key)
-            if last is None or (item.at_ms - last.at_ms >= sample_ms and self._differ(item, last)):
-                fresh[key] = item
-        self.written.update(fresh)
-        by_scene: dict[SceneId, list[Item]] = {}
-        for item in fresh.values():
-            by_scene.setdefault(item.scene, []).append(item)
-        return by_scene
-
-    def _differ(self, item: Item, last: Item) -> bool:
-        replace = msgspec.structs.replace
-        return replace(item, **self._ignored) != replace(last, **self._ignored)
-
-    def whole(self, now_ms: int) -> dict[SceneId, list[Item]]:
-        """Give the newest of every robot, by scene; forget those silent for too long."""
-        by_scene: dict[SceneId, list[Item]] = {}
-        for key, item in tuple(self.newest.items()):
-            if now_ms - item.at_ms > LOOK_BACK_MS:
-                del self.newest[key]
-                self.written.pop(key, None)
-            else:
-                self.written[key] = item
-                by_scene.setdefault(item.scene, []).append(item)
-        return by_scene
 
 
 class TelemetryLog:
@@ -114,16 +57,19 @@ class TelemetryLog:
         file_bytes_max: int = FILE_BYTES_MAX,
         keep_ms: int = KEEP_MS,
         keep_bytes_max: int = KEEP_BYTES_MAX,
+        opened: Opened = lambda path: path.open("xb"),
     ) -> None:
-        """Take the folder; the first file is made by the first write."""
+        """Take the folder; the first file is made by the first write, by `opened`."""
         self._directory = directory
         self._sample_ms, self._pose_ms, self._chunk_ms = sample_ms, pose_ms, chunk_ms
         self._file_ms_max, self._file_bytes_max = file_ms_max, file_bytes_max
         self._keep_ms, self._keep_bytes_max = keep_ms, keep_bytes_max
+        self._opened = opened
         self._lock = Lock()
-        self._reports: _Series[Report] = _Series({"number": 0, "at_ms": 0})
-        self._plans: _Series[Plan] = _Series({"at_ms": 0})
-        self._drawn: dict[RobotKey, Report] = {}  # as last written for Foxglove and Rerun
+        self._reports = ReportSeries()
+        self._plans = PlanSeries()
+        self._drawn: dict[RobotKey, Report] = {}  # where viewers have seen a robot last
+        self._granted_ms: dict[RobotKey, int] = {}  # and what it was granted
         self._file: TelemetryFile | None = None
         self._now_ms = 0
         self._broken_ms: int | None = None
@@ -135,11 +81,8 @@ class TelemetryLog:
             for scene in {r.scene for r in reports} - self._reports.scenes:
                 known = reports_at(self._directory, scene, self._now_ms)
                 self._reports.seed(scene, known.values())
-            fresh = self._reports.changed(reports, self._sample_ms)
-            self._put(
-                ReportBatch(scene=s, at_ms=self._now_ms, whole=False, items=tuple(items))
-                for s, items in fresh.items()
-            )
+            batches = list(self._reports.changed(reports, self._now_ms, self._sample_ms))
+            self._put(batches, lambda file: self._draw(file, reports))
 
     def write_plans(self, plans: Sequence[Plan], now_ms: int | None = None) -> None:
         """Take in what traffic intends."""
@@ -148,11 +91,8 @@ class TelemetryLog:
             for scene in {p.scene for p in plans} - self._plans.scenes:
                 known = plans_at(self._directory, scene, self._now_ms)
                 self._plans.seed(scene, known.values())
-            fresh = self._plans.changed(plans, self._sample_ms)
-            self._put(
-                PlanBatch(scene=s, at_ms=self._now_ms, whole=False, items=tuple(items))
-                for s, items in fresh.items()
-            )
+            batches = list(self._plans.changed(plans, self._now_ms, self._sample_ms))
+            self._put(batches, lambda file: self._draw_grants(file, plans))
 
     def flush(self) -> None:
         """Make everything so far readable for others."""
@@ -172,41 +112,59 @@ class TelemetryLog:
         newest = now_ms if now_ms is not None else max(times, default=self._now_ms)
         self._now_ms = max(self._now_ms, newest)
 
-    def _put(self, made: Iterable[ReportBatch | PlanBatch]) -> None:
-        batches = list(made)
+    def _put(self, batches: Sequence[ReportBatch | PlanBatch], draw: Action) -> None:
         if self._broken_ms is not None and self._now_ms - self._broken_ms < RETRY_MS:
             return
         if self._file is None and not batches:
             return
-        self._guarded(lambda file: self._fill(file, batches))
+        self._guarded(lambda file: self._fill(file, batches, draw))
 
-    def _fill(self, file: TelemetryFile, batches: Sequence[ReportBatch | PlanBatch]) -> None:
+    def _fill(
+        self, file: TelemetryFile, batches: Sequence[ReportBatch | PlanBatch], draw: Action
+    ) -> None:
         now_ms = self._now_ms
         if file.whole_ms is None or now_ms - file.whole_ms >= WHOLE_EVERY_MS:
-            file.flush(now_ms)  # a whole batch begins a chunk
+            file.flush(now_ms)  # whole batches begin a chunk
             file.whole_ms = now_ms
-            for scene, reports in self._reports.whole(now_ms).items():
-                file.add(ReportBatch(scene=scene, at_ms=now_ms, whole=True, items=tuple(reports)))
-                self._draw(file, reports)
-            for scene, plans in self._plans.whole(now_ms).items():
-                file.add(PlanBatch(scene=scene, at_ms=now_ms, whole=True, items=tuple(plans)))
+            self._drawn.clear()
+            self._granted_ms.clear()
+            for reports in self._reports.whole(now_ms):
+                file.add(reports)
+            for plans in self._plans.whole(now_ms):
+                file.add(plans)
+            self._draw(file, self._reports.newest.values())
+            self._draw_grants(file, self._plans.newest.values())
         else:
             for batch in batches:
                 file.add(batch)
-                if isinstance(batch, ReportBatch):
-                    self._draw(file, batch.items)
+            draw(file)
         if now_ms - file.chunk_ms >= self._chunk_ms:
             file.flush(now_ms)
 
     def _draw(self, file: TelemetryFile, reports: Iterable[Report]) -> None:
+        by_scene: dict[SceneId, list[Report]] = {}
         for report in reports:
             key = robot_key(report.scene, report.robot)
             last = self._drawn.get(key)
             if last is None or (
                 report.at_ms - last.at_ms >= self._pose_ms and _pose(report) != _pose(last)
             ):
-                file.add_pose(report, self._now_ms)
+                by_scene.setdefault(report.scene, []).append(report)
                 self._drawn[key] = report
+        for scene, drawn in by_scene.items():
+            file.draw(scene, POSES, self._now_ms, poses(drawn))
+
+    def _draw_grants(self, file: TelemetryFile, plans: Iterable[Plan]) -> None:
+        by_scene: dict[SceneId, list[tuple[Plan, Report]]] = {}
+        for plan in plans:
+            key = robot_key(plan.scene, plan.robot)
+            report = self._reports.newest.get(key)
+            seen_ms = self._granted_ms.get(key)
+            if report is not None and (seen_ms is None or plan.at_ms - seen_ms >= GRANT_MS):
+                by_scene.setdefault(plan.scene, []).append((plan, report))
+                self._granted_ms[key] = plan.at_ms
+        for scene, drawn in by_scene.items():
+            file.draw(scene, GRANTS, self._now_ms, grants(drawn))
 
     def _guarded(self, action: Action) -> None:
         """Run on the open file, or a new one; on trouble drop the file and try again later."""
@@ -223,15 +181,12 @@ class TelemetryLog:
     def _open(self) -> TelemetryFile:
         file = self._file
         if file is not None and (
-            self._now_ms - file.start_ms >= self._file_ms_max
-            or file.length >= self._file_bytes_max
-            or file.index_entries >= INDEX_ENTRIES_MAX
+            self._now_ms - file.start_ms >= self._file_ms_max or file.length >= self._file_bytes_max
         ):
             file.close()
             file = None
         if file is None:
-            file = TelemetryFile(self._directory, self._now_ms)
-            self._drawn.clear()
+            file = TelemetryFile(self._directory, self._now_ms, self._opened)
             _prune(self._directory, self._now_ms - self._keep_ms, self._keep_bytes_max)
         self._file = file
         return file

@@ -1,14 +1,15 @@
 """How reports and plans lie in `telemetry/`: file names, topics, and the batches in the messages.
 
-A batch holds the reports (or plans) of one scene that changed since the last one; every few seconds
-a *whole* batch holds the newest of all robots, so that a reader never has to go back far.
+A batch holds what changed with the robots of one scene since the last one; every few seconds a
+*whole* batch holds the newest of all robots, so that a reader never has to go back far. A report is
+written whole where more than motion has changed (`telemetry_motion`), else as steps from the last.
 """
 
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ledger.ids import SceneId
-from ledger.link import Plan, Report
+from ledger.ids import PointName, RobotName, SceneId
+from ledger.link import Plan, Report, Space
 from ledger.scene import Value
 
 REPORTS_TOPIC = "/fleet/reports"
@@ -27,18 +28,35 @@ class Head(Value, frozen=True, kw_only=True):
     scene: SceneId
     at_ms: int  # when it was written; never less than in the batch before
     whole: bool  # holds the newest of every robot of the scene, not only what changed
+    since: int = 0  # batches of this scene since the whole one; a gap means that one is missing
+
+
+class Moved(Value, frozen=True, kw_only=True):
+    """Robots of which only motion has changed, in columns: alike numbers side by side pack best."""
+
+    robots: tuple[RobotName, ...]
+    steps: tuple[tuple[int, ...], ...]  # a column for each of `telemetry_motion.MOTION`
+    points: tuple[PointName | None, ...]
 
 
 class ReportBatch(Head, frozen=True, kw_only=True):
     """One message of the topic of reports."""
 
     items: tuple[Report, ...]
+    moved: Moved | None = None
 
 
 class PlanBatch(Head, frozen=True, kw_only=True):
-    """One message of the topic of plans."""
+    """One message of the topic of plans.
+
+    Ground is stated once and then named by its number: plans are written without their spaces,
+    which are `held`, in the same order as `items`. Older files have neither.
+    """
 
     items: tuple[Plan, ...]
+    held: tuple[tuple[int, ...], ...] = ()
+    first_space: int = 0  # number of the first of `spaces`; counted anew from each whole batch
+    spaces: tuple[Space, ...] = ()
 
 
 def file_name(at_ms: int, again: int = 0) -> str:

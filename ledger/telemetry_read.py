@@ -5,7 +5,7 @@ appended since. Torn or damaged chunks are passed over: this log is best effort.
 """
 
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from itertools import zip_longest
 from pathlib import Path
@@ -17,11 +17,13 @@ import msgspec
 from ledger.ids import RobotName, SceneId
 from ledger.link import Plan, Report
 from ledger.telemetry_chunks import Chunk, ChunkFile, Message
+from ledger.telemetry_fold import Fold, PlanFold, ReportFold
 from ledger.telemetry_format import (
     LOOK_BACK_MS,
     PLANS_TOPIC,
     REPORTS_TOPIC,
     SPREAD_MS,
+    WHOLE_EVERY_MS,
     Head,
     PlanBatch,
     ReportBatch,
@@ -30,33 +32,45 @@ from ledger.telemetry_format import (
 
 CHUNKS_CACHED = 64
 DIRECTORIES_CACHED = 8
+STRETCH_MS_MAX = 2 * WHOLE_EVERY_MS + SPREAD_MS  # from a batch back to its whole one
 
 Item = TypeVar("Item", Report, Plan)
 
 
 class _Kind(Generic[Item]):
-    """Which messages hold reports, or plans, and how to decode them."""
+    """Which messages hold reports, or plans, and how to decode and follow them."""
 
-    def __init__(self, topic: str, shape: type[ReportBatch] | type[PlanBatch]) -> None:
+    def __init__(
+        self,
+        topic: str,
+        shape: type[ReportBatch] | type[PlanBatch],
+        fold: Callable[[], Fold[Item]],
+    ) -> None:
         self.topic = topic
+        self.fold: Callable[[], Fold[Item]] = fold
         self._decoder = msgspec.json.Decoder(shape)
         self._head = msgspec.json.Decoder(Head)
 
-    def batch(self, message: Message, scene: SceneId) -> tuple[Head, tuple[Item, ...]] | None:
-        """Decode a message of this topic and scene; None for all others."""
+    def head(self, message: Message, scene: SceneId) -> Head | None:
+        """Decode the front of a message of this topic and scene; None for all others."""
         if message.topic != self.topic:
             return None
         try:
-            if self._head.decode(message.data).scene != scene:
-                return None
-            batch = self._decoder.decode(message.data)
+            head = self._head.decode(message.data)
         except msgspec.MsgspecError:
             return None  # written by another version
-        return batch, batch.items  # type: ignore[return-value]  # the decoder's shape is the kind's
+        return head if head.scene == scene else None
+
+    def feed(self, fold: Fold[Item], message: Message, until_ms: int) -> list[RobotName]:
+        """Take a message of this topic and scene into a fold; give the robots it tells of."""
+        try:
+            return fold.feed(self._decoder.decode(message.data), until_ms)
+        except msgspec.MsgspecError:
+            return []
 
 
-REPORTS: _Kind[Report] = _Kind(REPORTS_TOPIC, ReportBatch)
-PLANS: _Kind[Plan] = _Kind(PLANS_TOPIC, PlanBatch)
+REPORTS: _Kind[Report] = _Kind(REPORTS_TOPIC, ReportBatch, ReportFold)
+PLANS: _Kind[Plan] = _Kind(PLANS_TOPIC, PlanBatch, PlanFold)
 
 
 class TelemetryReader:
@@ -72,23 +86,22 @@ class TelemetryReader:
     def at(self, kind: _Kind[Item], scene: SceneId, at_ms: int) -> dict[RobotName, Item]:
         """Give the newest of every robot at or before the moment.
 
-        Goes backwards to the last whole batch, and no further than `LOOK_BACK_MS`.
+        Goes backwards to the last whole batch, and no further than `LOOK_BACK_MS`; then forwards.
         """
-        newest: dict[RobotName, Item] = {}
+        found: list[Message] = []
         for message in self._backwards(at_ms):
-            found = kind.batch(message, scene)
-            if found is None:
+            head = kind.head(message, scene)
+            if head is None:
                 continue
-            head, items = found
-            for item in items:
-                if item.at_ms > at_ms:
-                    continue
-                known = newest.get(item.robot)
-                if known is None or known.at_ms < item.at_ms:
-                    newest[item.robot] = item
+            if found and found[0].at_ms - head.at_ms > STRETCH_MS_MAX:
+                break  # the whole batch is lost: these stand for themselves
+            found.append(message)
             if head.whole and head.at_ms <= at_ms:
                 break
-        return newest
+        fold: Fold[Item] = kind.fold()
+        for message in reversed(found):
+            kind.feed(fold, message, at_ms)
+        return fold.newest()
 
     def _backwards(self, at_ms: int) -> Iterator[Message]:
         for file in reversed(self._scanned(at_ms - LOOK_BACK_MS, at_ms)):
@@ -109,17 +122,20 @@ class TelemetryReader:
         For one robot in order of time; robots are mixed, in the order of writing.
         """
         last: dict[RobotName, int] = {}
-        for file in self._scanned(from_ms, to_ms):
+        fold: Fold[Item] = kind.fold()
+        whole_ms = from_ms - STRETCH_MS_MAX  # what steps are counted from is no older
+        for file in self._scanned(whole_ms, to_ms):
             for chunk in tuple(file.chunks):
-                if chunk.end_ms < from_ms or chunk.start_ms > to_ms + SPREAD_MS:
+                if chunk.end_ms < whole_ms or chunk.start_ms > to_ms + SPREAD_MS:
                     continue
                 for message in self._unpacked(file, chunk):
-                    found = kind.batch(message, scene)
-                    for item in found[1] if found is not None else ():
-                        new = item.at_ms > last.get(item.robot, from_ms - 1)
-                        if new and item.at_ms <= to_ms:
-                            last[item.robot] = item.at_ms
-                            yield item
+                    if kind.head(message, scene) is None:
+                        continue
+                    for robot in kind.feed(fold, message, to_ms):
+                        at_ms = fold.at_ms(robot)
+                        if at_ms > last.get(robot, from_ms - 1):
+                            last[robot] = at_ms
+                            yield fold.item(robot)
 
     def _scanned(self, from_ms: int, to_ms: int) -> list[ChunkFile]:
         """Scan the files that may hold something of the stretch, oldest first."""

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 import structlog
 import zenoh
 
-from ledger.bus import EVENTS_AFTER_KEY, EVENTS_KEY, Handler, Responder, Watcher
+from ledger.bus import EVENTS_AFTER_KEY, EVENTS_KEY, Collected, Handler, Responder, Watcher
 from ledger.errors import Refused
 
 LOOPBACK = "tcp/127.0.0.1"
@@ -106,6 +106,18 @@ class ZenohBus:
             handler(_key(sample.key_expr), sample.payload.to_bytes())
 
         self._keep(self._session.declare_subscriber(_expression(key), received))
+
+    def collect(self, key: str, most: int) -> Collected:
+        """Keep the newest messages in a ring of zenoh's, whose threads then need no interpreter."""
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(most)
+        subscriber = self._session.declare_subscriber(_expression(key), ring)
+        self._keep(subscriber)
+
+        def fetch() -> bytes | None:
+            sample = subscriber.try_recv()
+            return None if sample is None else sample.payload.to_bytes()
+
+        return fetch
 
     def respond(self, key: str, responder: Responder) -> None:
         """Answer questions, on a zenoh thread; a failure is logged and answers the question."""

@@ -214,7 +214,9 @@ class Live:
         if known is not None and report.at_ms < known.at_ms:
             return
         self.reports[key] = report
-        self.recent.setdefault(key, deque(maxlen=REPORTS_KEPT)).append(report)
+        if (recent := self.recent.get(key)) is None:
+            recent = self.recent[key] = deque(maxlen=REPORTS_KEPT)
+        recent.append(report)
 
     def intend(self, plan: Plan) -> None:
         """Take in what traffic intends with a robot."""

@@ -2,10 +2,12 @@
 
 import asyncio
 import threading
+from pathlib import Path
 
 import msgspec
 
-from fleetledger.intake import Intake
+from fleetledger.config import Settings
+from fleetledger.intake import FETCH_MAX, Intake, telemetry_log
 from ledger.bus import MemoryBus, plans_key, report_key
 from ledger.ids import RobotName, SceneId
 from ledger.link import Plan, Report
@@ -22,12 +24,15 @@ class Paper:
         self.plans: list[Plan] = []
         self.written = threading.Event()
 
-    def write(self, reports: list[Report]) -> None:
+    def write(self, reports: list[Report], now_ms: int | None = None) -> None:
         self.reports += reports
 
-    def write_plans(self, plans: list[Plan]) -> None:
+    def write_plans(self, plans: list[Plan], now_ms: int | None = None) -> None:
         self.plans += plans
         self.written.set()
+
+    def close(self) -> None:
+        """Keep the paper."""
 
 
 async def test_a_scene_may_keep_the_messages_of_its_robots_out_of_the_log() -> None:
@@ -65,3 +70,34 @@ async def test_a_report_that_no_robot_can_mean_is_not_shown() -> None:
     bus.publish(report_key(KEPT, NAME), msgspec.json.encode(good))
     await asyncio.sleep(0)  # the loop's turn, not time
     assert shown == [good]
+
+
+async def test_a_flood_is_taken_in_turns_and_nonsense_is_passed_over() -> None:
+    bus = MemoryBus()
+    shown: list[Report | Plan] = []
+    loop = asyncio.get_running_loop()
+    intake = Intake(bus, loop, Paper(), shown.append, shown.append)
+    for number in range(3 * FETCH_MAX):
+        report = Report(
+            scene=KEPT, robot=NAME, number=number, at_ms=number, area=1, x_m=0, y_m=0, heading_rad=0
+        )
+        bus.publish(report_key(KEPT, NAME), msgspec.json.encode(report))
+        bus.publish(report_key(KEPT, NAME), b"\xff{")
+    await asyncio.sleep(0)
+    assert len(shown) <= FETCH_MAX
+    async with asyncio.timeout(30):
+        while len(shown) < 3 * FETCH_MAX:
+            await asyncio.sleep(0)
+    intake.stop()
+
+
+async def test_no_telemetry_is_written_where_nothing_is_to_be_kept(tmp_path: Path) -> None:
+    for kept in ({"telemetry_keep_mb": 0}, {"telemetry_keep_days": 0}, {}):
+        settings = Settings.load(tmp_path, **kept)
+        log = telemetry_log(settings)
+        report = Report(
+            scene=KEPT, robot=NAME, number=1, at_ms=1, area=1, x_m=0, y_m=0, heading_rad=0
+        )
+        log.write([report])
+        log.close()
+        assert settings.telemetry.exists() == (kept == {})

@@ -1,18 +1,25 @@
 """The telemetry log gives any moment back, torn or still being written, and keeps its limits."""
 
+import errno
+import io
 import math
 import shutil
 import tempfile
 from pathlib import Path
+from typing import IO, cast
 
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+import msgspec
+import pytest
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from typing_extensions import Buffer
 
-from ledger.ids import PathKey, RobotName, SceneId
-from ledger.link import Plan, Report
+from ledger.ids import PathKey, PointName, RobotName, SceneId
+from ledger.link import Plan, Report, Space
 from ledger.telemetry import (
     TelemetryLog,
     plans_at,
@@ -37,6 +44,18 @@ def report(robot: str, at_ms: int, x_m: float, scene: SceneId = SCENE) -> Report
         x_m=x_m,
         y_m=1.5,
         heading_rad=0.25,
+    )
+
+
+def plan(robot: str, at_ms: int, x_m: float) -> Plan:
+    """Hold a square metre, and half a dozen others with who is near."""
+    squares = (((x, 0.0), (x + 1, 0.0), (x + 1, 1.0), (x, 1.0)) for x in (x_m,))
+    return Plan(
+        scene=SCENE,
+        robot=RobotName(robot),
+        at_ms=at_ms,
+        ready=True,
+        spaces=tuple(Space(points=points) for points in squares),
     )
 
 
@@ -237,19 +256,180 @@ def test_a_folder_that_cannot_be_written_does_not_stop_the_caller(tmp_path: Path
     log.close()
 
 
-def test_stock_tools_read_the_file_and_draw_the_poses(tmp_path: Path) -> None:
-    log = TelemetryLog(tmp_path)
-    drive(log, seconds=5)
-    log.close()
-    [(_, path)] = files(tmp_path)
-    with path.open("rb") as stream:
-        found = list(make_reader(stream, validate_crcs=True).iter_messages())
-    topics = {channel.topic for _, channel, _ in found}
-    assert topics == {"/fleet/reports"} | {f"/scenes/{SCENE}/robots/R{n}/pose" for n in range(3)}
-    poses = [m for _, c, m in found if c.topic.endswith("R1/pose")]
-    assert 9 <= len(poses) <= 11  # twice a second
-    pose = PoseInFrame.FromString(poses[-1].data)
-    assert pose.frame_id == f"{SCENE}/0"
-    assert math.isclose(2 * math.asin(pose.pose.orientation.z), 0.25)
+def messages(path: Path) -> list[tuple[str, bytes]]:
+    """Read a file with the stock reader, every checksum checked."""
     with path.open("rb") as stream:
         assert list(StreamReader(stream, validate_crcs=True).records)
+    with path.open("rb") as stream:
+        found = make_reader(stream, validate_crcs=True).iter_messages()
+        return [(channel.topic, message.data) for _, channel, message in found]
+
+
+def test_stock_tools_read_the_file_and_draw_robots_and_grants(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    drive(log, seconds=1)
+    log.write_plans([plan("R1", T0 + 1_000, 2.0)])
+    drive(log, seconds=5, start_ms=T0 + 1_000)
+    log.close()
+    [(_, path)] = files(tmp_path)
+    found = messages(path)
+    drawn = [
+        transform
+        for topic, data in found
+        if topic == f"/scenes/{SCENE}/robots"
+        for transform in FrameTransforms.FromString(data).transforms
+        if transform.child_frame_id == f"{SCENE}/R1"
+    ]
+    assert 10 <= len(drawn) <= 13  # twice a second
+    assert drawn[-1].parent_frame_id == f"{SCENE}/0"
+    assert drawn[-1].timestamp.ToMilliseconds() > T0 + 5_000
+    assert drawn[-1].translation.y == 1.5
+    assert math.isclose(2 * math.asin(drawn[-1].rotation.z), 0.25, abs_tol=1e-3)
+    [grants] = [data for topic, data in found if topic == f"/scenes/{SCENE}/grants"]
+    [entity] = SceneUpdate.FromString(grants).entities
+    assert (entity.id, entity.frame_id) == ("R1", f"{SCENE}/0")
+    [line] = entity.lines
+    assert [(p.x, p.y) for p in line.points][1:] == [(2.5, 0.5)]  # the middle of what it holds
+    assert line.color.a == line.pose.orientation.w == 1.0
+
+
+spans = st.sampled_from([0.0, 1e-4, 0.01, 1.0, 1e5, 1e14, 1e300, -1e300, 1.7e308])
+
+
+@given(
+    history=st.lists(
+        st.tuples(spans.filter(lambda x: abs(x) <= 1e6), spans, st.sampled_from([None, "P"])),
+        max_size=12,
+    )
+)
+@settings(max_examples=60, deadline=None)
+def test_any_number_of_a_robot_is_read_back_as_near_as_is_promised(
+    history: list[tuple[float, float, PointName | None]],
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        log = TelemetryLog(Path(name), sample_ms=0)
+        newest = None
+        for tick, (x_m, odometer_m, point) in enumerate(history):
+            said = report("R", T0 + tick * 100, x_m)
+            said = msgspec.structs.replace(said, odometer_m=odometer_m, point=point)
+            if newest is None or msgspec.structs.replace(said, at_ms=0, number=0) != (
+                msgspec.structs.replace(newest, at_ms=0, number=0)
+            ):
+                newest = said
+            log.write([said])
+        log.close()
+        found = reports_at(Path(name), SCENE, T0 + 10_000)
+        assert (newest is None) == (found == {})
+        if newest is None:
+            return
+        read = found[RobotName("R")]
+        assert read.point == newest.point
+        assert math.isclose(read.x_m, newest.x_m, abs_tol=0.0005001)
+        assert math.isclose(read.odometer_m, newest.odometer_m, rel_tol=1e-15, abs_tol=0.005001)
+        assert read.heading_rad == newest.heading_rad
+
+
+def test_a_robot_under_way_costs_little(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path)
+    drive(log, seconds=60, robots=100)
+    log.close()
+    [(_, path)] = files(tmp_path)
+    said = [data for topic, data in messages(path) if topic == "/fleet/reports"]
+    assert len(b"".join(said)) / (60 * 5 * 100) < 90  # bytes a report, not packed: it was 700
+    assert path.stat().st_size / (60 * 5 * 100) < 20  # packed, drawings and index too
+
+
+@given(cut=st.integers(0, 1 << 20), length=st.integers(1, 4_000))
+@settings(max_examples=60, deadline=None)
+def test_damage_costs_plans_and_never_gives_wrong_ones(cut: int, length: int) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = TelemetryLog(folder, chunk_ms=200)
+        said = {}
+        for tick in range(60):
+            plans = [plan(f"R{n}", T0 + tick * 200, float((tick + n) % 9)) for n in range(4)]
+            log.write_plans(plans)
+            said.update({(p.robot, p.at_ms): p for p in plans})
+        log.close()
+        [(_, path)] = files(folder)
+        content = bytearray(path.read_bytes())
+        at = 8 + cut % (len(content) - 8)
+        content[at : at + length] = bytes(min(length, len(content) - at))
+        path.write_bytes(content)
+        for found in read_plans(folder, SCENE, T0, T0 + 60_000):
+            assert found == said[found.robot, found.at_ms]
+        for second in range(13):
+            for found in plans_at(folder, SCENE, T0 + second * 1_000).values():
+                assert found == said[found.robot, found.at_ms]
+
+
+@given(
+    steps=st.lists(st.integers(100, 9_000), min_size=1, max_size=30),
+    keep_ms=st.integers(0, 60_000),
+    keep_bytes_max=st.integers(0, 60_000),
+)
+@settings(max_examples=40, deadline=None)
+def test_there_is_never_more_than_the_limits_and_one_file(
+    steps: list[int], keep_ms: int, keep_bytes_max: int
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder, at_ms = Path(name), T0
+        log = TelemetryLog(
+            folder,
+            file_ms_max=5_000,
+            file_bytes_max=8_000,
+            keep_ms=keep_ms,
+            keep_bytes_max=keep_bytes_max,
+        )
+        for step_ms in steps:
+            at_ms += step_ms
+            log.write([report(f"R{n}", at_ms, at_ms / 7 + n) for n in range(20)])
+            log.flush()
+            *old, (start_ms, newest) = files(folder)
+            assert newest.exists()
+            assert sum(path.stat().st_size for _, path in old) <= keep_bytes_max
+            ends = [next_ms for next_ms, _ in (*old, (start_ms, newest))][1:]
+            assert all(end_ms >= start_ms - keep_ms for end_ms in ends)
+        log.close()
+
+
+class Full(io.FileIO):
+    """A file on a disk that is full after so many bytes, and then is not full any more."""
+
+    def __init__(self, path: Path, room: int) -> None:
+        super().__init__(path, "x")
+        self._room = room
+
+    def write(self, data: Buffer) -> int:
+        some = bytes(data)[: self._room]
+        self._room -= len(some)
+        super().write(some)
+        if len(some) < len(bytes(data)):
+            raise OSError(errno.ENOSPC, "no space left on device")
+        return len(some)
+
+
+@pytest.mark.parametrize("room", [0, 10, 1_000, 2_000, 3_000, 4_000])
+def test_a_full_disk_costs_telemetry_only_and_it_comes_back(tmp_path: Path, room: int) -> None:
+    rooms = [room]
+
+    def opened(path: Path) -> IO[bytes]:
+        return cast("IO[bytes]", Full(path, rooms.pop())) if rooms else path.open("xb")
+
+    log = TelemetryLog(tmp_path, opened=opened)
+    said = {(r.robot, r.at_ms): r for r in drive(log, seconds=30)}
+    said |= {(r.robot, r.at_ms): r for r in drive(log, seconds=5, start_ms=T0 + 100_000)}
+    log.close()
+    assert len(files(tmp_path)) == 2
+    for found in read_telemetry(tmp_path, SCENE, T0, T0 + 200_000):
+        assert math.isclose(found.x_m, said[found.robot, found.at_ms].x_m, abs_tol=0.0005001)
+    assert reports_at(tmp_path, SCENE, T0 + 104_000)[RobotName("R0")].at_ms == T0 + 104_000
+
+
+def test_a_robot_whose_clock_is_wrong_does_not_say_how_old_files_are(tmp_path: Path) -> None:
+    log = TelemetryLog(tmp_path, keep_ms=10_000)
+    log.write([report("R", T0, 1.0)], T0)
+    log.write([report("MAD", T0 + 10**9, 1.0), report("R", T0 + 1_000, 2.0)], T0 + 1_000)
+    log.close()
+    assert len(files(tmp_path)) == 1
+    assert reports_at(tmp_path, SCENE, T0 + 1_000)[RobotName("R")].x_m == 2.0
