@@ -12,6 +12,7 @@ import duckdb
 import structlog
 
 from fleetledger.config import Settings
+from ledger.disk import Disk
 from ledger.errors import DiskTrouble, LedgerLost
 from ledger.segment import SUFFIX
 from ledger.snapshot import snapshot_paths
@@ -50,7 +51,7 @@ def check_folder(settings: Settings) -> None:
     """Refuse a folder that cannot be served; raises DiskTrouble and LedgerLost."""
     data, ledger = settings.data, settings.ledger
     with usable(data):
-        data.mkdir(parents=True, exist_ok=True)
+        Disk().make_folder(data)
         _probe(data)
     if ledger.exists():
         with usable(ledger):
