@@ -16,7 +16,7 @@ from tests.laws.crash.disk import Crashed, FaultyDisk, Inode, Trouble
 from tests.laws.crash.simulation import simulate
 
 SEEDS = 20
-SEEDS_OF_A_STAGE = 25
+SEEDS_OF_A_STAGE = 20
 LIARS_SEEDS = 6  # at the latest the sixth life story shows what a disk did not keep
 
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-import structlog
-
 from commands.handle import Answered, Handler
 from commands.resources import LapseMapResources
 from commands.scenes import ImportScene, scene_digest
@@ -29,8 +27,6 @@ from tests.laws.crash.clients import SCENE, Request, answer
 from tests.laws.crash.disk import Crashed, FaultyDisk
 from tests.laws.crash.rows import Rows
 from tests.laws.crash.witness import Witness
-
-log = structlog.get_logger()
 
 STEP_MS = 200
 
@@ -148,14 +144,7 @@ class Core:
         self.ledger.step()
         self.acknowledge()
         if self._snapshotter.due(self.live.position):
-            self._save()
-
-    def _save(self) -> None:
-        """Keep a snapshot, if the disk lets us: it is only a cache."""
-        try:
-            self._snapshotter.save(self.live.fleet.copy())
-        except OSError as error:
-            log.warning("no snapshot", reason=str(error))
+            self._snapshotter.keep(self.live.fleet.copy())
 
     def acknowledge(self) -> None:
         """Answer those whose command is on disk and visible."""
@@ -188,7 +177,7 @@ class Core:
             pass
         self.acknowledge()
         self.ledger.close()
-        self._save()
+        self._snapshotter.keep(self.live.fleet)
 
     def let_go(self) -> None:
         """Give up the lock, as the kernel does for the dead."""
