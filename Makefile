@@ -10,7 +10,7 @@ demo: .venv/runtime
 	$(BIN)/fleetledger demo
 
 test: .venv/dev
-	$(BIN)/pytest -m "not soak"
+	$(BIN)/pytest
 
 lint: .venv/dev
 	$(BIN)/ruff format --check .
