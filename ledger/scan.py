@@ -20,6 +20,7 @@ from ledger.segment import (
     TRAILER_BYTES,
     Trailer,
     first_position,
+    header_flaw,
     read_trailer,
     segment_paths,
 )
@@ -58,10 +59,11 @@ def sealed_events(
     file: BinaryIO,
     contents: sealed.Contents,
     after: int,
+    until: int | None = None,
     decoder: Decoder = DECODER,
     chunks: int | None = None,
 ) -> Iterator[list[AnyEvent]]:
-    """Read chunk after chunk of a sealed segment, from the one that holds position after + 1.
+    """Events with after < position ≤ until, by chunk; those before are neither read nor decoded.
 
     Raises LedgerDamaged at the first flaw; reads no more than so many chunks of the file.
     """
@@ -69,6 +71,8 @@ def sealed_events(
         _check_schema(path, body, decoder)
     tally, first = Tally(), first_position(path)
     for block in contents.blocks[:chunks]:
+        if until is not None and first + tally.sequence > until:
+            return
         if first + tally.sequence + block.messages - 1 <= after:
             tally = Tally(sequence=tally.sequence + block.messages)
             continue
@@ -76,7 +80,9 @@ def sealed_events(
         if isinstance(records, Flaw):
             raise LedgerDamaged(path, records.offset, records.what, first + tally.sequence)
         chunk = unpacked(block, records)
-        events, tally = _events_of(path, records, chunk, tally, decoder, block.start, True)
+        here = first + tally.sequence
+        part = slice(max(0, after + 1 - here), None if until is None else until + 1 - here)
+        events, tally = _events_of(path, records, chunk, tally, decoder, block.start, part)
         yield events
 
 
@@ -87,16 +93,22 @@ def _events_of(
     tally: Tally,
     decoder: Decoder,
     offset: int,
-    packed: bool = False,
+    part: slice | None = None,
 ) -> tuple[list[AnyEvent], Tally]:
-    """Decode a whole chunk that lies at a file offset; raises LedgerDamaged."""
+    """Check a whole chunk that lies at a file offset, and decode it; raises LedgerDamaged.
+
+    `part` is what is wanted of a packed chunk, whose offsets are not those of the file.
+    """
     position = first_position(path) + tally.sequence
     payloads: Payloads = []
     after = walk(data, chunk, tally, payloads)
     if isinstance(after, Flaw):
-        at = offset if packed else offset + after.offset - chunk.start
+        at = offset if part is not None else offset + after.offset - chunk.start
         raise LedgerDamaged(path, at, after.what, position)
     _check_schemas(path, data, chunk, decoder)
+    if part is not None:
+        payloads = payloads[part]
+        position += part.start
     decode = decoder.decode
     try:
         events = [decode(payload) for payload in payloads]
@@ -134,6 +146,8 @@ def read_segment(
     path: Path, after: int, until: int | None, newest: bool, decoder: Decoder = DECODER
 ) -> Iterator[AnyEvent]:
     """Events of one file with after < position ≤ until. Only the newest may be unfinished."""
+    if until is not None and until <= max(after, first_position(path) - 1):
+        return
     with path.open("rb") as file:  # once: a sealed segment may take the name's place meanwhile
         last = first_position(path) - 1
         if sealed.is_sealed(file):
@@ -142,7 +156,7 @@ def read_segment(
                 raise LedgerDamaged(path, contents.offset, contents.what, last + 1)
             trailer: Trailer | None = contents.trailer
             end = contents.named_at
-            batches = sealed_events(path, file, contents, after, decoder)
+            batches = sealed_events(path, file, contents, after, until, decoder)
         else:
             file.seek(0)
             trailer, end, batches = _live(path, file.read(), after, newest, decoder)
@@ -158,6 +172,8 @@ def read_segment(
                     return
                 if event.position > after:
                     yield event
+            if last == until:
+                return
     if trailer is not None and trailer.last > after and trailer.last != last:
         what = f"it ends at position {last}, its trailer says {trailer.last}"
         raise LedgerDamaged(path, end, what, last)
@@ -169,11 +185,15 @@ def _live(
     first = first_position(path)
     found = read_trailer(data[-TRAILER_BYTES:])
     if not data.startswith(BEGINNING):
-        raise LedgerDamaged(path, 0, "its header is not ours", first)
+        raise LedgerDamaged(path, 0, header_flaw(data), first)
     if found is None and not newest:
         raise LedgerDamaged(path, len(data), "it has no trailer, but a successor", first)
     end = len(data) if found is None else len(data) - TRAILER_BYTES
-    start, sequence = seek(data, len(BEGINNING), end, max(0, after + 1 - first))
+    start, sequence, declaring = seek(data, len(BEGINNING), end, max(0, after + 1 - first))
+    for offset in declaring:  # what is hopped over may still say that this program is too old
+        chunk = chunk_at(data, offset, end)
+        if isinstance(chunk, Chunk):
+            _check_schemas(path, data, chunk, decoder)
     tally = Tally(sequence=sequence)
     lenient = found is None
     batches = events_between(path, data, start, end, tally, decoder, lenient=lenient)
