@@ -1,5 +1,8 @@
 """Expected trouble of the command line, in words for people."""
 
+import sys
+
+import structlog
 import typer
 from pydantic import ValidationError
 from rich.console import Console
@@ -14,7 +17,9 @@ class told:
     """Say expected trouble in one line with a hint, and exit 2; bugs keep their traceback."""
 
     def __enter__(self) -> None:
-        return None
+        """Keep logs off standard output, which is for answers; a server sets up its own."""
+        if not structlog.is_configured():
+            structlog.configure(logger_factory=lambda *_: structlog.PrintLogger(sys.stderr))
 
     def __exit__(self, kind: object, trouble: BaseException | None, trace: object) -> None:
         if isinstance(trouble, LedgerError):

@@ -134,19 +134,24 @@ def sequence_at(data: bytes, chunk_start: int, end: int) -> int | None:
     return None
 
 
-def seek(data: bytes, start: int, end: int, sequence: int) -> tuple[int, int]:
+def seek(data: bytes, start: int, end: int, sequence: int) -> tuple[int, int, list[int]]:
     """Find the chunk that holds a message: its offset and first sequence.
+
+    Gives also where the chunks before it are that declare schemas: they hold for what follows.
 
     Hops over the chunks before it by their lengths alone, as those are not going to be used.
     Whatever looks wrong ends the hopping, and the strict reading that follows will name it.
     """
     at, first = start, 0
-    while at + mcap.CHUNK_HEAD.size <= end:
+    declaring: list[int] = []
+    while at + mcap.CHUNK_HEAD.size < end:
         following = at + mcap.RECORD.size + mcap.RECORD.unpack_from(data, at)[1]
         if data[at] != mcap.CHUNK or following >= end:
             break
         coming = sequence_at(data, following, end)
         if coming is None or coming > sequence or coming <= first:
             break
+        if data[at + mcap.CHUNK_HEAD.size] == mcap.SCHEMA:
+            declaring.append(at)
         at, first = following, coming
-    return at, first
+    return at, first, declaring

@@ -12,7 +12,15 @@ from ledger.events import AnyEvent
 from ledger.measure import Ends, Measured, crc_of, ends_of, measure, measure_sealed, sound_end
 from ledger.scan import events_between, sealed_events
 from ledger.scene import Value
-from ledger.segment import BEGINNING, NO_HASH, SUFFIX, Trailer, first_position
+from ledger.segment import (
+    AS_NEWER,
+    BEGINNING,
+    NO_HASH,
+    SUFFIX,
+    Trailer,
+    first_position,
+    header_flaw,
+)
 from ledger.snapshot import Unusable, check, snapshot_paths
 
 RESTORE = "Stop the server and restore this file from a backup."
@@ -23,6 +31,7 @@ BEHIND = (
     "Restore the newest segments from a backup; only to go on from the older history on purpose, "
     "stop the server and delete `snapshots/`."
 )
+UPDATE = f"{LedgerNewer.hint} If it is none of a newer one: {RESTORE}"
 DELETE = "Stop the server and delete this file: snapshots are a cache."
 THREADS = 2  # that check the files at start; computing a CRC lets go of Python's lock
 
@@ -87,6 +96,8 @@ class Inspection:
         self, path: Path, offset: int, position: int | None, what: str, advice: str = RESTORE
     ) -> None:
         """Keep a finding."""
+        if what.endswith(AS_NEWER):
+            advice = UPDATE
         self.findings.append(
             Finding(path=path, offset=offset, position=position, what=what, advice=advice)
         )
@@ -186,7 +197,7 @@ class Inspection:
         if ends is not None:
             self._claims(path, file, ends, first, measured)
         elif header or not newest:
-            what = "its header is not ours" if header else "it has no trailer, but a successor"
+            what = header_flaw(data) if header else "it has no trailer, but a successor"
             self.find(path, 0 if header else measured.end, position, what)
         elif measured.flaw is not None:
             self._torn_or_damaged(path, data, measured.flaw, measured, position)

@@ -11,7 +11,7 @@ from ledger import mcap_records as mcap
 from ledger import sealed
 from ledger.chunks import Chunk, Flaw, Payloads, Tally, chunk_at, walk
 from ledger.scene import Value
-from ledger.segment import BEGINNING, TRAILER_BYTES, Trailer, read_trailer
+from ledger.segment import BEGINNING, TRAILER_BYTES, Trailer, header_flaw, read_trailer
 
 PIECE_BYTES = 1024 * 1024  # read at once where only the CRC is wanted
 
@@ -55,7 +55,7 @@ def measure(data: bytes, end: int, first: int, predecessor: str) -> Measured:
     sha, tally, chunks, start = hashlib.sha256(predecessor.encode()), Tally(), 0, len(BEGINNING)
     flaw: Flaw | None = None
     if not data.startswith(BEGINNING):
-        flaw, start = Flaw(offset=0, what="its header is not ours"), 0
+        flaw, start = Flaw(offset=0, what=header_flaw(data)), 0
     while flaw is None and start < end:
         chunk = chunk_at(data, start, end)
         after: Tally | Flaw

@@ -8,6 +8,7 @@ size, and every segment but the newest has one. A segment is never opened again 
 """
 
 import hashlib
+import re
 import zlib
 from array import array
 from collections.abc import Iterable
@@ -24,6 +25,8 @@ SUFFIX = ".mcap"
 BEGINNING = mcap.MAGIC + mcap.header("", "fleetledger-1")  # the same bytes in every segment
 ENDING = mcap.footer() + mcap.MAGIC
 TRAILER_NAME = "fleetledger.segment"
+_FORMAT = re.compile(rb"fleetledger-[a-z0-9-]*[0-9]")
+AS_NEWER = "as a newer program might"
 NO_HASH = "0" * 64  # predecessor of the first segment
 
 SEGMENT_BYTES_MAX = 64 * 1024 * 1024
@@ -50,6 +53,14 @@ def segment_paths(directory: Path) -> list[Path]:
     for path in paths:
         first_position(path)
     return paths
+
+
+def header_flaw(data: bytes) -> str:
+    """Say what is wrong with a beginning that is not ours; a newer program may have written it."""
+    said = _FORMAT.search(data[: 2 * len(BEGINNING)])
+    if said is None or data.startswith(BEGINNING):
+        return "its header is not ours"
+    return f"its header is not ours: it says {said[0].decode()}, {AS_NEWER}"
 
 
 class Trailer(Value, frozen=True, kw_only=True):
