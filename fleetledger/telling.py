@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.markup import escape
 
-from ledger.errors import LedgerError, Refused
+from ledger.errors import LedgerError, Refused, next_step
 
 errors = Console(stderr=True)
 
@@ -29,7 +29,8 @@ class told:
         elif isinstance(trouble, Refused):
             errors.print(f"[red]{trouble.code}[/]: {escape(trouble.message)}")
         elif isinstance(trouble, OSError) and trouble.filename is not None:
-            errors.print(f"[red]{trouble.strerror}[/]: {escape(str(trouble.filename))}")
+            words = f"[red]{trouble.strerror}[/]: {escape(str(trouble.filename))}"
+            errors.print(f"{words}\n{next_step(trouble)}".strip())
         elif isinstance(trouble, ValidationError):
             for fault in trouble.errors():
                 name = ".".join(str(part) for part in fault["loc"]) or "options"
