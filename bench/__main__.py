@@ -8,6 +8,7 @@ import msgspec
 
 NAMES = (
     "append",
+    "seal",
     "create",
     "calls",
     "read",

@@ -120,6 +120,15 @@ def damage_of(data: bytes, flaw: Flaw, chunk_start: int, end: int) -> Flaw | Non
     return Flaw(offset=flaw.offset, what=what)
 
 
+def last_ns_of(data: bytes, start: int, end: int) -> int:
+    """Log time of the newest message, by the heads of chunks that are known to be right."""
+    last_ns = 0
+    while start < end:
+        _, length, _, last_ns, *_ = mcap.CHUNK_HEAD.unpack_from(data, start)
+        start += mcap.RECORD.size + length
+    return last_ns
+
+
 def sequence_at(data: bytes, chunk_start: int, end: int) -> int | None:
     """Sequence of the first message of a chunk, without checking it; None where there is none."""
     at = chunk_start + mcap.CHUNK_HEAD.size

@@ -70,10 +70,7 @@ class Inspection:
     """Goes through a folder's segments in order, and keeps what it finds."""
 
     def __init__(self, *, thorough: bool) -> None:
-        """Thorough = every hash is computed and every event decoded; else CRCs are trusted.
-
-        The newest segment is always counted through, for a crash may have torn it.
-        """
+        """Thorough = every hash is computed and every event decoded; else right CRCs suffice."""
         self.findings: list[Finding] = []
         self.segments = 0
         self.sealed = 0
@@ -83,7 +80,7 @@ class Inspection:
         self.sha256 = NO_HASH
         self.predecessor = NO_HASH  # of the newest segment
         self.last_ns = 0  # log time of the newest event
-        self.newest: Newest | None = None
+        self.newest: Newest | None = None  # where it had to be counted through
         self._thorough = thorough
         self._lost = False  # nobody knows where the segment before ended
 
@@ -121,7 +118,7 @@ class Inspection:
         with ThreadPoolExecutor(THREADS) as pool:
             quick: Iterator[Ends | None] = iter(())
             if not self._thorough:
-                quick = pool.map(sound_end, paths[:-1])
+                quick = pool.map(sound_end, paths)
             for path, size in zip(paths, sizes, strict=True):
                 self.segment(path, next(quick, None), newest=path is paths[-1])
                 done += size

@@ -11,10 +11,10 @@ from pathlib import Path
 import structlog
 
 from ledger import sealed
-from ledger.chunks import Flaw
+from ledger.chunks import Flaw, last_ns_of
 from ledger.damage import Inspection, Newest, Progress, unseen
 from ledger.disk import DRAFT, Disk, write_file
-from ledger.measure import ends_of, measure
+from ledger.measure import ends_of
 from ledger.scene import Value
 from ledger.segment import (
     BEGINNING,
@@ -59,13 +59,12 @@ def recover(
         raise finding.error()
     paths = segment_paths(directory)
     newest = found.newest
-    if newest is None:
-        return Recovered()
+    if newest is None or newest.finished:
+        return _end_of(paths) if paths else Recovered()
     measured = newest.measured
     if not measured.chunks:
         return _without_empty(disk, paths, newest)
-    if not newest.finished:
-        _cut_and_finish(disk, newest, found.predecessor)
+    _cut_and_finish(disk, newest, found.predecessor)
     return Recovered(
         position=found.position,
         last_ns=measured.tally.last_ns,
@@ -115,12 +114,12 @@ def _without_empty(disk: Disk, paths: list[Path], newest: Newest) -> Recovered:
     disk.sync_folder(path.parent)
     if len(paths) == 1:
         return Recovered()
-    return _end_of(paths[-2], tuple(paths[:-1]))
+    return _end_of(paths[:-1])
 
 
-def _end_of(path: Path, paths: tuple[Path, ...]) -> Recovered:
-    """Where a finished segment ends, which the inspection has found right."""
-    with path.open("rb") as file:
+def _end_of(paths: list[Path]) -> Recovered:
+    """Where finished segments end, which the inspection has found right."""
+    with paths[-1].open("rb") as file:
         ends = ends_of(file)
         assert ends is not None
         if sealed.is_sealed(file):
@@ -130,8 +129,10 @@ def _end_of(path: Path, paths: tuple[Path, ...]) -> Recovered:
         else:
             file.seek(0)
             data = file.read()
-            end, trailer = len(data) - TRAILER_BYTES, ends.trailer
-            last_ns = measure(data, end, trailer.first, trailer.predecessor).tally.last_ns
+            last_ns = last_ns_of(data, len(BEGINNING), len(data) - TRAILER_BYTES)
     return Recovered(
-        position=ends.trailer.last, last_ns=last_ns, sha256=ends.trailer.sha256, paths=paths
+        position=ends.trailer.last,
+        last_ns=last_ns,
+        sha256=ends.trailer.sha256,
+        paths=tuple(paths),
     )
