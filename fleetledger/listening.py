@@ -18,7 +18,7 @@ from uvicorn.protocols.http.httptools_impl import (
 )
 
 from fleetledger.config import Settings
-from fleetledger.middleware import Give, RawHeaders
+from fleetledger.middleware import Give, header_lines
 from ledger.errors import Refused
 from replay.following import ABORT
 
@@ -190,11 +190,10 @@ class Connection(HttpToolsProtocol):
         """Take note that the head has come whole."""
         self._head_open, self._head_bytes = False, 0
         self._stop_waiting()
-        self.scope.setdefault("extensions", {})[ABORT] = {"call": self.transport.abort}
         if self._may_be_quick():
             self._parts = []
         else:
-            super().on_headers_complete()
+            self._go_ordinary_way()
 
     def on_body(self, body: bytes) -> None:
         """Keep a part of the body."""
@@ -237,21 +236,22 @@ class Connection(HttpToolsProtocol):
         """Let uvicorn have what has come."""
         assert self._parts is not None
         parts, self._parts = self._parts, None
-        super().on_headers_complete()
+        self._go_ordinary_way()
         for part in parts:
             super().on_body(part)
 
-    def _give(self, call: _UnderWay, status: int, headers: RawHeaders, body: bytes) -> None:
+    def _go_ordinary_way(self) -> None:
+        self.scope.setdefault("extensions", {})[ABORT] = {"call": self.transport.abort}
+        super().on_headers_complete()
+
+    def _give(self, call: _UnderWay, status: int, headers: bytes, body: bytes) -> None:
         """Write the answer, in one piece."""
         call.response_complete = True
         if call.disconnected or self.transport.is_closing():
             return
-        pieces = [STATUS_LINE[status]]
-        for name, value in (*self.server_state.default_headers, *headers):
-            pieces += (name, b": ", value, b"\r\n")
-        if not call.keep_alive:
-            pieces.append(b"connection: close\r\n")
-        self.transport.write(b"".join((*pieces, b"\r\n", body)))
+        ours = header_lines(self.server_state.default_headers)
+        last = b"\r\n" if call.keep_alive else b"connection: close\r\n\r\n"
+        self.transport.write(b"".join((STATUS_LINE[status], ours, headers, last, body)))
         if not call.keep_alive:
             self.transport.close()
         self.on_response_complete()

@@ -5,8 +5,6 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import NamedTuple, TypeAlias
 
 import structlog
-from prometheus_client import Counter, Histogram
-from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -21,8 +19,17 @@ from fleetledger.access.callers import (
     from_own_page,
 )
 from fleetledger.access.roles import OPEN, RANK, Policy
+from fleetledger.call_figures import FIGURES
 from fleetledger.durability import Then
-from fleetledger.http import BODY_BYTES_MAX, EXPECTED, SCENE_BYTES_MAX, Quick, answer_to, error
+from fleetledger.http import (
+    BODY_BYTES_MAX,
+    EXPECTED,
+    SCENE_BYTES_MAX,
+    Head,
+    Quick,
+    answer_to,
+    error,
+)
 from ledger.errors import LedgerError
 
 log = structlog.get_logger()
@@ -42,7 +49,6 @@ _POSITION, _WAIT = POSITION_HEADER.lower().encode(), WAIT_HEADER.lower().encode(
 # of every answer: nothing may guess at types, frame a page, or learn what was asked here
 _ALWAYS = ((b"x-content-type-options", b"nosniff"), (b"referrer-policy", b"no-referrer"))
 _POLICY = b"content-security-policy"
-_JSON = (b"content-type", b"application/json")
 # of pages without a policy of their own, which are those about the API: their script is inline
 _PAGES_POLICY = (
     b"default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
@@ -50,18 +56,9 @@ _PAGES_POLICY = (
     b"frame-ancestors 'none'"
 )
 
-CALLS = Counter("fleetledger_http_calls", "HTTP calls", ["method", "route", "status"])
-SECONDS = Histogram(
-    "fleetledger_http_seconds",
-    "Time to answer",
-    ["route"],
-    buckets=(0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 1, 5),
-)
-
-
 Refusing = Callable[[str, str, str, str], None]  # caller as claimed, address, call, code
 RawHeaders: TypeAlias = list[tuple[bytes, bytes]]
-Give: TypeAlias = Callable[[int, RawHeaders, bytes], None]  # status, headers and body, once
+Give: TypeAlias = Callable[[int, bytes, bytes], None]  # status, header lines and body, once
 
 
 class Barred(NamedTuple):
@@ -72,6 +69,16 @@ class Barred(NamedTuple):
     words: str
     arguments: tuple[object, ...] = ()
     noted: bool = True  # in the audit
+
+
+def header_lines(headers: RawHeaders) -> bytes:
+    """Give headers as they are sent."""
+    return b"".join([b"%b: %b\r\n" % header for header in headers])
+
+
+# of a quick call's answer; to be filled in: length and position
+_EMPTY_LINES = b"content-length: %d\r\nx-ledger-position: %d\r\n" + header_lines([*_ALWAYS])
+_JSON_LINES = _EMPTY_LINES + b"content-type: application/json\r\n"
 
 
 class Gate:
@@ -104,7 +111,6 @@ class Gate:
         self._quick = {
             (method.encode(), path.encode()): quick for (method, path), quick in quick.items()
         }
-        self._figures: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the call on, or refuse it."""
@@ -151,11 +157,11 @@ class Gate:
 
         def answered(response: Response) -> None:
             self._complete(response.raw_headers, scope["path"])
-            give(response.status_code, response.raw_headers, bytes(response.body))
+            give(response.status_code, header_lines(response.raw_headers), bytes(response.body))
             self._count(scope, response.status_code, began)
 
         try:
-            ready = decide(Request(scope), body)
+            ready = decide(Head(scope), body)
         except EXPECTED as trouble:
             answer = answer_to(trouble)
             assert answer is not None
@@ -173,11 +179,8 @@ class Gate:
                 assert answer is not None
                 answered(answer)
                 return
-            raw = [(b"content-length", b"%d" % len(ready.body)), *_ALWAYS]
-            raw.append((_POSITION, b"%d" % ready.position))
-            if ready.body:
-                raw.append(_JSON)
-            give(ready.status, raw, ready.body)
+            lines = _JSON_LINES if ready.body else _EMPTY_LINES
+            give(ready.status, lines % (len(ready.body), ready.position), ready.body)
             self._count(scope, ready.status, began)
 
         self._when(ready.position, durable)
@@ -194,18 +197,7 @@ class Gate:
 
     def _count(self, scope: Scope, status: int, began: float) -> None:
         route = getattr(scope.get("route"), "path", "other")
-        calls, seconds = self._figures_of(scope["method"], route, status)
-        calls.inc()
-        seconds.observe(time.perf_counter() - began)
-
-    def _figures_of(self, method: str, route: str, status: int) -> tuple[Counter, Histogram]:
-        key = (method, route, status)  # finding a labelled child costs more than counting
-        if key not in self._figures:
-            self._figures[key] = (
-                CALLS.labels(method, route, str(status)),
-                SECONDS.labels(route),
-            )
-        return self._figures[key]
+        FIGURES.count(scope["method"], route, status, time.perf_counter() - began)
 
     async def _pass_or_refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers: dict[bytes, bytes] = dict(scope["headers"])

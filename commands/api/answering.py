@@ -81,7 +81,7 @@ class Answering:
 
     def asked(self, request: Request) -> Asked:
         """Read the head of a command: with a key its id is the key, within its caller's own."""
-        by = request.state.user
+        by = request.scope["state"]["user"]
         key = _key_of(request)
         if key is None:
             return Asked(CommandId(self.handler.new_id()), by, self.handler.now_ms())
@@ -106,7 +106,7 @@ class Answering:
         """Decide and word the answer, for a call with an ordinary body."""
         digest = None
         if _key_of(request) is not None:
-            digest = _begun(request, request.state.body).hexdigest()
+            digest = _begun(request, request.scope["state"]["body"]).hexdigest()
         return self._decided(command, digest, words)
 
     def once_durable(self, decide: Decide[Body]) -> Endpoint[Body]:
