@@ -89,7 +89,7 @@ def _rounds(tmp_path: Path, seed: int, rounds: int) -> None:
             assert clients.enough.wait(60)
             server.kill()
             clients.join()
-            assert still_there(server.children) == []
+            assert still_there(server.children, 30.0) == []
         _is_sound(data)
         options = OPTIONS  # the folder knows its scene
     assert clients is not None
@@ -97,7 +97,7 @@ def _rounds(tmp_path: Path, seed: int, rounds: int) -> None:
         _nothing_is_lost(server, orders, clients, rng)
         _goes_on(server, orders)
         assert server.stop() == 0
-        assert still_there(server.children) == []
+        assert still_there(server.children, 30.0) == []
 
 
 def _nothing_is_lost(server: Server, orders: dict[str, str], clients: Clients, rng: Random) -> None:
@@ -138,4 +138,4 @@ def test_acknowledged_orders_survive_kill_9_and_the_fleet_goes_on(tmp_path: Path
 def stage(seed: int) -> None:
     """For the soak: more rounds, other moments."""
     with tempfile.TemporaryDirectory() as folder:
-        _rounds(Path(folder), seed, rounds=4)
+        _rounds(Path(folder), seed, rounds=3)
