@@ -1,4 +1,4 @@
-"""The ledger: append, read, and hear of what is on disk. `FileLedger` keeps it, `MemoryLedger` not.
+"""The ledger in files: append, read, and hear of what is on disk.
 
 One committer thread turns whatever waits into one chunk, one write, one sync; so many waiting
 clients share a sync. `append` only queues; `durable` and the listeners say what is safe.
@@ -9,7 +9,7 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self
 
 import structlog
 
@@ -19,6 +19,7 @@ from ledger.disk import Disk
 from ledger.errors import Conflict, LedgerBusy, LedgerError, Unknown, next_step
 from ledger.events import AnyEvent
 from ledger.lock import Lock
+from ledger.port import Ledger, Listener, MemoryLedger, check_stamps
 from ledger.recovery import Recovered, recover
 from ledger.scan import events_between, read_segment
 from ledger.sealed import is_sealed
@@ -29,61 +30,13 @@ from ledger.segment import (
     first_position,
 )
 
+__all__ = ["FileLedger", "Ledger", "Listener", "MemoryLedger"]
+
 log = structlog.get_logger()
 
 CHUNK_EVENTS_MAX = 512  # a commit takes no more commands once it has as many events
 CHUNK_BYTES_MAX = 1024 * 1024  # or as many bytes
 QUEUE_EVENTS_MAX = 65_536  # a few seconds of a slow disk
-AT_MS_MAX = (2**63 - 1) // 1_000_000  # log times are nanoseconds
-
-Listener = Callable[[Sequence[AnyEvent]], None]
-
-
-class Ledger(Protocol):
-    """What the rest of the program knows of the ledger. Append from one thread, read from any."""
-
-    @property
-    def position(self) -> int:
-        """Newest appended, perhaps not yet on disk."""
-
-    @property
-    def durable(self) -> int:
-        """Newest on disk."""
-
-    def append(self, events: Sequence[AnyEvent], expected: int) -> int:
-        """Queue the events of one command, stamped expected+1 …; they are kept or lost together.
-
-        Gives the new position. Raises Conflict where somebody appended meanwhile, LedgerBusy where
-        too much waits for the disk, Unknown after a failure and ever after.
-        """
-
-    def listen(self, listener: Listener) -> None:
-        """Call with the events of each commit once they are on disk, in order, committer thread."""
-
-    def on_failure(self, report: Callable[[LedgerError], None]) -> None:
-        """Call once, committer thread, when the ledger has stopped accepting."""
-
-    def read(self, after: int, until: int | None = None) -> Iterator[AnyEvent]:
-        """Events on disk with after < position ≤ until, newest durable one if None."""
-
-    def wait(self, position: int, timeout_s: float) -> bool:
-        """Wait until on disk and heard by all listeners; Unknown where that will never be."""
-
-    def close(self) -> None:
-        """Put on disk what is queued, and finish."""
-
-
-def check_stamps(events: Sequence[AnyEvent], expected: int) -> int:
-    """Refuse events that are not stamped densely from expected+1; ValueError, for it is our bug."""
-    position = expected
-    for event in events:
-        position += 1
-        if event.position != position or not 0 <= event.at_ms <= AT_MS_MAX:
-            name = type(event).__name__
-            raise ValueError(
-                f"{name} due at {position} is stamped {event.position}, at_ms {event.at_ms}"
-            )
-    return position
 
 
 class FileLedger:
@@ -368,52 +321,3 @@ def _again(failure: LedgerError) -> Unknown:
     told = Unknown(str(failure))
     told.hint, told.__cause__ = failure.hint, failure
     return told
-
-
-class MemoryLedger:
-    """The ledger without a disk: all is durable at once, and heard in the caller's thread."""
-
-    def __init__(self, events: Sequence[AnyEvent] = ()) -> None:
-        """Begin with events that have happened before."""
-        check_stamps(events, 0)
-        self._events: list[AnyEvent] = list(events)
-        self._listeners: list[Listener] = []
-
-    @property
-    def position(self) -> int:
-        """Newest appended."""
-        return len(self._events)
-
-    @property
-    def durable(self) -> int:
-        """The same: nothing is ever under way."""
-        return len(self._events)
-
-    def append(self, events: Sequence[AnyEvent], expected: int) -> int:
-        """Keep the events and tell the listeners before returning."""
-        check_stamps(events, expected)
-        if expected != len(self._events):
-            raise Conflict(expected, len(self._events))
-        self._events += events
-        if events:
-            for listener in self._listeners:
-                listener(events)
-        return len(self._events)
-
-    def listen(self, listener: Listener) -> None:
-        """Hear of every append from now on."""
-        self._listeners.append(listener)
-
-    def on_failure(self, report: Callable[[LedgerError], None]) -> None:
-        """Nothing can fail here."""
-
-    def read(self, after: int, until: int | None = None) -> Iterator[AnyEvent]:
-        """Events with after < position ≤ until."""
-        return iter(self._events[after:until])
-
-    def wait(self, position: int, timeout_s: float) -> bool:
-        """Nothing to wait for."""
-        return position <= len(self._events)
-
-    def close(self) -> None:
-        """Nothing to finish."""
