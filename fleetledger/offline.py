@@ -89,7 +89,8 @@ def verify(data: Path) -> bool:
     damaged = any(finding.damage for finding in verdict.findings)
     out.print(
         f"{'DAMAGED' if damaged else 'sound'}: {verdict.events} events in {verdict.chunks} "
-        f"commits, {verdict.segments} segments, {verdict.snapshots} snapshots"
+        f"chunks, {verdict.segments} segments ({verdict.sealed} sealed), "
+        f"{verdict.snapshots} snapshots"
     )
     return not damaged
 
