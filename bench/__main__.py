@@ -19,6 +19,7 @@ NAMES = (
     "shift",
     "stream",
     "telemetry",
+    "peers",
 )
 RESULTS = Path(__file__).parent / "results"
 
