@@ -101,7 +101,7 @@ def warn_if_ahead(clock: Clock, newest_ms: int, data: Path) -> None:
     )
 
 
-async def keep_time(data: Path, clock: Clock) -> None:
+async def keep_time(data: Path, clock: Clock, every_s: float = KEEP_S) -> None:
     """Write down how far time may get before the next writing, until cancelled.
 
     Reports carry times between events, so the newest event alone does not tell where a scaled
@@ -119,4 +119,4 @@ async def keep_time(data: Path, clock: Clock) -> None:
             if not in_vain:  # told once; what is kept is behind until the disk takes it again
                 log.warning("time is not kept", reason=str(trouble))
             in_vain = True
-        await asyncio.sleep(KEEP_S)
+        await asyncio.sleep(every_s)

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from ledger.errors import LedgerLocked
@@ -22,8 +23,9 @@ class Lock:
             holder = os.pread(fd, 32, 0).decode(errors="replace").strip()
             os.close(fd)
             raise LedgerLocked(f"{folder} is in use by process {holder or 'unknown'}") from None
-        os.ftruncate(fd, 0)
-        os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)  # for people; the lock does not need it
+        with suppress(OSError):  # for people; the lock does not need it, and the disk may be full
+            os.ftruncate(fd, 0)
+            os.pwrite(fd, f"{os.getpid()}\n".encode(), 0)
         self._fd: int | None = fd
 
     def close(self) -> None:

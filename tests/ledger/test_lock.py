@@ -1,4 +1,5 @@
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -39,3 +40,35 @@ def test_a_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
     finally:
         holder.kill()
         holder.communicate()
+
+
+PARENT = """
+import subprocess, sys
+from pathlib import Path
+from ledger.lock import Lock
+lock = Lock(Path(sys.argv[1]))
+child = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read()"], stdin=sys.stdin)
+print(child.pid, flush=True)
+child.wait()
+"""
+
+
+def test_a_child_that_outlives_its_parent_keeps_no_lock(tmp_path: Path) -> None:
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert parent.stdout is not None
+    child = os.pidfd_open(int(parent.stdout.readline()))
+    try:
+        with pytest.raises(LedgerLocked):
+            Lock(tmp_path)
+        parent.kill()
+        parent.wait()
+        assert not select.select([child], [], [], 0)[0], "the child should live"
+        Lock(tmp_path).close()
+    finally:
+        parent.communicate()  # closes its standard input, which ends the child
+        select.select([child], [], [])
+        os.close(child)

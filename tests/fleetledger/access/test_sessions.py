@@ -98,3 +98,22 @@ async def test_those_of_users_who_may_not_any_more_are_forgotten(tmp_path: Path)
 
     assert sessions.session(gone) is None
     assert sessions.session(stays) is not None
+
+
+async def test_a_clock_set_back_signs_nobody_out_and_prolongs_nothing(tmp_path: Path) -> None:
+    clock = Clock()
+    clock.now_ms = 400 * AGE_MS
+    sessions = Sessions(tmp_path, clock)
+    used, kept = sessions.begin("anna", ANNA), sessions.begin("anna", ANNA)
+    await sessions.keep()
+    clock.now_ms = AGE_MS  # years back
+    assert sessions.session(used) is not None
+    clock.now_ms += IDLE_MS
+    assert sessions.session(used) is None, "not for the years until the clock has caught up"
+    clock.now_ms = AGE_MS
+    again = Sessions(tmp_path, clock)
+    assert again.session(kept) is not None
+    clock.now_ms += IDLE_MS
+    assert again.session(kept) is None
+    again.tidy(lambda session: True)
+    assert again.session(kept) is None
