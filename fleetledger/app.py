@@ -62,6 +62,7 @@ from ledger.telemetry_read import plans_at, reports_at
 from ledger.zenoh_bus import LOOPBACK, ZenohBus
 from projections.api.m4_resources import external_map_res
 from projections.api.m4_scene_query import Beside, SceneQueries
+from projections.api.rdscore_status import past_of
 from projections.claims import WAIT_S as CLAIM_WAIT_S
 from projections.claims import ClaimWatch
 from projections.devices import door_reports, lift_reports
@@ -114,9 +115,13 @@ class Core:
         self.durability = Durability(loop, self.ledger.durable, self._apply)
         self.ledger.listen(self.durability.heard)
         self.moments = Moments(settings.data, read=self.ledger.read)
+        self.find = Find(self.live, self.reader, self._fleet_then, self.clock.now_ms)
         self.analyst = Analyst(settings, lambda: self.live.position)
         self._snapshotter = Snapshotter(settings.snapshots, settings.snapshot_events)
         self._snapshot: asyncio.Task[object] | None = None
+
+    def _fleet_then(self, at_ms: int) -> Fleet:
+        return self.moments.fleet(At(at_ms=at_ms))
 
     def _apply(self, events: Sequence[AnyEvent]) -> None:
         self.live.apply(events)
@@ -305,10 +310,7 @@ async def _access(stack: AsyncExitStack, core: Core, settings: Settings) -> Acce
 
 
 def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
-    def moment(at_ms: int) -> Fleet:
-        return core.moments.fleet(At(at_ms=at_ms))
-
-    find = Find(core.live, core.reader, moment, core.clock.now_ms)
+    find = core.find
     queries = SceneQueries(
         find,
         partial(reports_at, settings.telemetry),
@@ -342,7 +344,7 @@ def _api(core: Core, settings: Settings, access: Access) -> ASGIApp:
             core.keep_gateway_secrets,
             core.claims.granted,
         ),
-        commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute),
+        commands.api.scenes.router(core.handler, core.durability.reached, ThinRoute, find.fleet),
         projections.api.m4.router(queries, ThinRoute),
         projections.api.wsm.router(queries),
         replay.api.router(source, ThinRoute),
@@ -365,7 +367,9 @@ async def _serve_rdscore(
     """Serve RDSCore's HTTP on its port and its WebSocket one higher, as 8088 and 8089 are."""
     if settings.rdscore_port is None:
         return
-    app = projections.api.rdscore.app(core.live, core.clock.now_ms)
+    telemetry = (partial(reports_at, settings.telemetry), partial(plans_at, settings.telemetry))
+    past = partial(past_of, core.find, *telemetry)
+    app = projections.api.rdscore.app(core.live, core.clock.now_ms, past=past)
     http = await stack.enter_async_context(served(app, settings.host, settings.rdscore_port, tls))
     ws = 0 if settings.rdscore_port == 0 else settings.rdscore_port + 1
     websocket = await stack.enter_async_context(served(app, settings.host, ws, tls))

@@ -1,12 +1,13 @@
 """Scenes over HTTP: import a scene file, make, rename, disable, pause and remove, settings."""
 
 import asyncio
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any
 
 import msgspec
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
 from fastapi.routing import APIRoute
+from pydantic import BaseModel, Field
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -41,7 +42,9 @@ from commands.scene_life import (
 )
 from commands.scenes import ImportScene, scene_digest
 from ledger.ids import SceneId
+from ledger.moment import parse_time
 from ledger.scene import SceneFile
+from ledger.state import Fleet
 
 FOLDER = "/api/fleet/scenes"
 OF_SCENE = f"{FOLDER}/{{sceneId}}"
@@ -52,12 +55,24 @@ FILE_BODY = {
 }
 
 
+FleetThen = Callable[[int], Awaitable[Fleet]]  # the state at a moment, epoch milliseconds
+
+
+class MomentAsked(BaseModel):
+    """When."""
+
+    as_of: str | None = Field(
+        None, alias="asOf", description="A past moment: epoch milliseconds or ISO 8601."
+    )
+
+
 class SceneCalls:
     """Endpoints that translate, ask, and word the answer."""
 
-    def __init__(self, answering: Answering) -> None:
-        """Take who answers."""
+    def __init__(self, answering: Answering, fleet_then: FleetThen) -> None:
+        """Take who answers, and who knows past states."""
         self._answering = answering
+        self._fleet_then = fleet_then
 
     def join(self, router: APIRouter) -> None:
         """Add the calls to a router."""
@@ -150,10 +165,15 @@ class SceneCalls:
         )
         return await self._answering.answer(request, command, nothing)
 
-    async def config(self, request: Request) -> Response:
-        """Give the settings of a scene, as they are obeyed."""
-        scene = known_scene(self._answering.handler.fleet, scene_id(request))
-        return json_response(wire(scene.config), await self._answering.settled())
+    async def config(self, request: Request, query: Annotated[MomentAsked, Query()]) -> Response:
+        """Give the settings of a scene, as they are or were obeyed."""
+        asked = query.as_of or request.headers.get("asOf")
+        if asked is None:
+            scene = known_scene(self._answering.handler.fleet, scene_id(request))
+            return json_response(wire(scene.config), await self._answering.settled())
+        fleet = await self._fleet_then(parse_time(asked))
+        scene = known_scene(fleet, scene_id(request))
+        return json_response(wire(scene.config), fleet.position)
 
     async def configure(self, request: Request, body: SceneConfigPatch) -> Response:
         """Change settings of a scene; what the body leaves out stays as it is.
@@ -202,8 +222,10 @@ def _file(raw: bytes) -> tuple[SceneFile, str]:
     return file, scene_digest(file)
 
 
-def router(handler: Handler, durable: Durable, route_class: type[APIRoute]) -> APIRouter:
-    """Give the calls about scenes; `commands.api.m4.router` tells of the arguments."""
+def router(
+    handler: Handler, durable: Durable, route_class: type[APIRoute], fleet_then: FleetThen
+) -> APIRouter:
+    """Give the calls about scenes; `commands.api.m4.router` tells of the first arguments."""
     calls = APIRouter(route_class=route_class)
-    SceneCalls(Answering(handler, durable)).join(calls)
+    SceneCalls(Answering(handler, durable), fleet_then).join(calls)
     return calls

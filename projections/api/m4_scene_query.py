@@ -123,7 +123,8 @@ class SceneQueries:
         """Give what each robot had last reported at a past moment."""
         return await self.find.beside(lambda: self._reports_at(scene, at_ms))
 
-    async def _plans(self, fleet: Fleet, scene: Scene, at_ms: int | None) -> PlansOfRobots:
+    async def plans(self, fleet: Fleet, scene: Scene, at_ms: int | None) -> PlansOfRobots:
+        """Give what traffic intends, or intended, with each enabled robot of a scene."""
         if at_ms is None:
             return plans_now(self.find.live, scene)
         plans = await self.find.beside(lambda: self._plans_at(scene.id, at_ms))
@@ -141,7 +142,7 @@ class SceneQueries:
         scene = scene_asked(fleet, scene_id, None)
         robots = await self.seen(fleet, scene, at_ms) if "robots" in wanted else ()
         needed = not PLAN_FIELDS.isdisjoint(wanted)
-        plans = await self._plans(fleet, scene, at_ms) if needed else ()
+        plans = await self.plans(fleet, scene, at_ms) if needed else ()
         # of the present nothing above has waited, so all that is shown is of one state
         position = fleet.position
         look = Look(

@@ -24,12 +24,11 @@ from projections.api.answers import JSON, answered, moment
 from projections.api.m4_models import AsOf, MoveCostsAsked
 from projections.api.m4_robots import bin_points
 from projections.api.m4_scene_answers import PointsAndBins, SceneListed, SceneMap, SceneSchema
-from projections.api.m4_scene_query import SceneQueries
+from projections.api.m4_scene_query import PlansOfRobots, SceneQueries
 from projections.api.m4_scene_schema import schema
 from projections.api.m4_scenes import scene_asked, scene_list, scene_map
-from projections.api.m4_seen import robot_asked, robots_of
+from projections.api.m4_seen import robot_asked
 from projections.distances import Network
-from projections.live import Live
 
 COSTS_MAX = 20_000  # places in one question about move costs
 OUT_OF_REACH = -1
@@ -71,10 +70,13 @@ def scene_routes(made: APIRouter, queries: SceneQueries) -> None:
         return Response(scene_map(_asked(fleet, request)), media_type=JSON, headers=headers)
 
     @made.get(f"{OF_SCENE}/ready-status", response_model=bool, openapi_extra=_OF_SCENE)
-    async def ready_status(request: Request) -> Response:
+    async def ready_status(request: Request, query: Annotated[AsOf, Query()]) -> Response:
         """Tell whether the scene is in service and traffic has placed the robots that answer."""
-        fleet = find.live.fleet
-        return answered(is_ready(find.live, _asked(fleet, request)), fleet.position)
+        at_ms = moment(request, query)
+        fleet = await find.fleet(at_ms)
+        scene = _asked(fleet, request)
+        plans = await queries.plans(fleet, scene, at_ms)
+        return answered(is_ready(scene, plans), fleet.position)
 
     @made.get(f"{OF_SCENE}/list-points-bins", response_model=PointsAndBins, openapi_extra=_OF_SCENE)
     async def points_bins(request: Request, query: Annotated[AsOf, Query()]) -> Response:
@@ -114,14 +116,11 @@ def _asked(fleet: Fleet, request: Request) -> Scene:
     return scene_asked(fleet, request.path_params["id"], None)
 
 
-def is_ready(live: Live, scene: Scene) -> bool:
-    """Tell whether orders get going in a scene."""
+def is_ready(scene: Scene, plans: PlansOfRobots) -> bool:
+    """Tell whether orders get going in a scene, by the plans of its enabled robots."""
     if scene.disabled or not scene.areas:
         return False
-    robots = robots_of(live.fleet, scene).items()
-    answering = [key for key, robot in robots if robot.online and not robot.config.disabled]
-    plans = (live.plans.get(key) for key in answering)
-    return all(plan is not None and plan.ready for plan in plans)
+    return all(plan is not None and plan.ready for robot, plan in plans if robot.online)
 
 
 async def _reports(

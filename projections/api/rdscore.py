@@ -6,7 +6,7 @@ each client either: serve it with uvicorn's `ws_per_message_deflate=False`.
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 import msgspec
 import structlog
@@ -17,8 +17,9 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ledger.errors import Refused
+from ledger.moment import parse_time
 from projections.api.rdscore_filter import selected, tree
-from projections.api.rdscore_status import DEVICES, Status, envelope, parsed
+from projections.api.rdscore_status import DEVICES, Past, Status, envelope, parsed
 from projections.live import Live
 
 TICK_S = 0.1
@@ -32,16 +33,29 @@ REJECTED = 50001
 log = structlog.get_logger()
 
 
-def app(live: Live, now_ms: Callable[[], int], tick_s: float = TICK_S) -> Starlette:
-    """Give the application; `tick_s` is the pace of the WebSocket in seconds of the wall."""
-    status = Status(live, now_ms())
+def app(
+    live: Live,
+    now_ms: Callable[[], int],
+    tick_s: float = TICK_S,
+    past: Callable[[int], Awaitable[Past]] | None = None,
+) -> Starlette:
+    """Give the application; `tick_s` is the pace of the WebSocket in seconds of the wall.
+
+    With `past`, `asOf` asks for a past moment, as in the M4 dialect; the vendor has nothing alike.
+    """
+    status, since_ms = Status(live, now_ms()), now_ms()
     push = Push(lambda: status.encoded(now_ms()), tick_s)
 
     async def robots_status(request: Request) -> Response:
         try:
-            return _json(_answer(status, request, now_ms()), 200)
+            at_ms = _as_of(request)
+            if at_ms is None or past is None:
+                return _json(_answer(status, request, now_ms()), 200)
+            then = Status(await past(at_ms), min(since_ms, at_ms))
+            return _json(_answer(then, request, at_ms), 200)
         except Refused as trouble:
-            body = envelope(int(trouble.code), trouble.message, now_ms())
+            code = int(trouble.code) if trouble.code.isdecimal() else REJECTED
+            body = envelope(code, trouble.message, now_ms())
             return _json(msgspec.json.encode(body, order="sorted"), 400)
 
     async def pushed(socket: WebSocket) -> None:
@@ -50,6 +64,11 @@ def app(live: Live, now_ms: Callable[[], int], tick_s: float = TICK_S) -> Starle
     return Starlette(
         routes=[Route("/robotsStatus", robots_status), WebSocketRoute("/robotsStatus", pushed)]
     )
+
+
+def _as_of(request: Request) -> int | None:
+    asked = request.query_params.get("asOf") or request.headers.get("asOf")
+    return None if asked is None else parse_time(asked)
 
 
 def _answer(status: Status, request: Request, now_ms: int) -> bytes:

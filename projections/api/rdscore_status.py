@@ -3,27 +3,70 @@ again (spec/rdscore.md §2).
 """
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
+from typing import Protocol
 
 import msgspec
 
 from ledger.ids import RobotKey, robot_key
-from ledger.scene import PointKind, Scene
-from ledger.state import Order, OrderStatus, Robot
+from ledger.link import Plan, Report
+from ledger.scene import PointKind, Scene, Value
+from ledger.state import Fleet, Order, OrderStatus, Robot
+from projections.api.m4_scene_query import PlansAt, ReportsAt
 from projections.api.rdscore_rbk import Known, alarms_of, legacy
 from projections.api.rdscore_report import missing_kinds, vehicle
 from projections.fields import Row
-from projections.live import Live
+from projections.find import Find
 
 DEVICES = ("doors", "lifts", "terminals")
 CODES = {PointKind.CHARGING: (52101, "charge"), PointKind.PARKING: (52103, "park")}
 
 
-class Status:
-    """Makes answers from what is live; keeps the encoded robots."""
+class Shown(Protocol):
+    """What is shown: the live view, or a past moment."""
 
-    def __init__(self, live: Live, since_ms: int) -> None:
+    @property
+    def fleet(self) -> Fleet:
+        """The state."""
+
+    @property
+    def reports(self) -> Mapping[RobotKey, Report]:
+        """What robots said last."""
+
+    @property
+    def plans(self) -> Mapping[RobotKey, Plan]:
+        """What traffic intends with them."""
+
+
+class Past(Value, frozen=True, kw_only=True):
+    """A past moment, as far as it was written."""
+
+    fleet: Fleet
+    reports: Mapping[RobotKey, Report]
+    plans: Mapping[RobotKey, Plan]
+
+
+async def past_of(find: Find, reports_at: ReportsAt, plans_at: PlansAt, at_ms: int) -> Past:
+    """Look a moment up: the state, and the telemetry of all its scenes."""
+    fleet = await find.fleet(at_ms)
+
+    def read() -> Past:
+        reports = {(s, name): r for s in fleet.scenes for name, r in reports_at(s, at_ms).items()}
+        plans = {(s, name): p for s in fleet.scenes for name, p in plans_at(s, at_ms).items()}
+        return Past(
+            fleet=fleet,
+            reports={robot_key(*key): report for key, report in reports.items()},
+            plans={robot_key(*key): plan for key, plan in plans.items()},
+        )
+
+    return await find.beside(read)
+
+
+class Status:
+    """Makes answers from what is shown; keeps the encoded robots."""
+
+    def __init__(self, live: Shown, since_ms: int) -> None:
         self._live = live
         self._encoded: dict[RobotKey, tuple[Known, bytes]] = {}
         self._since_s = since_ms // 1000  # when the alarms of the core began, for all we know

@@ -16,7 +16,9 @@ from commands.api.m4_resources import Watch
 from commands.handle import Handler
 from fleetledger.http import ThinRoute, install_errors
 from ledger.events import AnyEvent, stamped
+from ledger.evolve import fold
 from ledger.ids import CommandId, RobotName, SceneId, UnitId
+from ledger.state import Fleet
 from ledger.store import MemoryLedger
 from tests.commands.site import opened
 from tests.scenario import STORY_MS, happened
@@ -60,7 +62,12 @@ class Site:
             )
         )
         self.watch: Watch = _in_vain  # how it ends that somebody waits for ground
-        self.app.include_router(commands.api.scenes.router(self.handler, self.durable, ThinRoute))
+        self.app.include_router(
+            commands.api.scenes.router(self.handler, self.durable, ThinRoute, self.fleet_then)
+        )
+
+    async def fleet_then(self, at_ms: int) -> Fleet:
+        return fold(Fleet(), [e for e in self.ledger.read(0) if e.at_ms <= at_ms])
 
     async def keep_secrets(self, scene: SceneId, secrets: Mapping[RobotName, str]) -> None:
         self.secrets |= {(scene, robot): secret for robot, secret in secrets.items()}
