@@ -2,6 +2,7 @@
 
 import json
 import socket
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import hypothesis
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -17,6 +19,8 @@ from tests.fleetledger.server import Server, serving, small_scene
 
 SECONDS_MAX = 1.0
 MEMORY_MB = 300
+LIMITS = f"sql_seconds = {SECONDS_MAX}\nsql_memory_mb = {MEMORY_MB}\n"
+STAGE_S = 40.0
 ANSWER_S_MAX = 20.0  # on a busy machine; a statement itself has a second and some grace
 ENDLESS = "SELECT count(*) FROM range(1000000000000) t(i) WHERE sin(i) > 2"
 CANARY = "canary-4711"
@@ -27,8 +31,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     folder = tmp_path_factory.mktemp("server")
     data = folder / "data"
     data.mkdir()
-    limits = f"sql_seconds = {SECONDS_MAX}\nsql_memory_mb = {MEMORY_MB}\n"
-    (data / "config.toml").write_text(limits)
+    (data / "config.toml").write_text(LIMITS)
     (folder / "canary.csv").write_text(f"{CANARY}\n")
     with serving(data, "--auth", "none", "--scene", str(small_scene(folder))) as running:
         yield running
@@ -121,22 +124,6 @@ def test_a_statement_deaf_to_interrupts_is_killed_and_the_next_is_answered(serve
     assert answer.status_code in (400, 504), answer.text
     assert time.monotonic() - began < ANSWER_S_MAX + 20
     answered(server, "SELECT 1")
-
-
-def test_a_statement_ends_when_its_client_hangs_up(server: Server) -> None:
-    """Both places are taken by clients who leave; soon after there is room again."""
-    answered(server, "SELECT 1")
-    body = json.dumps({"sql": ENDLESS}).encode()
-    head = f"POST /api/sql HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(body)}\r\n\r\n"
-    for _ in range(4):  # more than there are places and time
-        left = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(2)]
-        for connection in left:
-            connection.sendall(head.encode() + body)
-        while ask(server, "SELECT 1").status_code == 200:
-            pass  # until both are running
-        for connection in left:
-            connection.close()
-        answered(server, "SELECT 1")
 
 
 def test_two_run_and_a_third_is_told_to_come_again(server: Server) -> None:
@@ -244,6 +231,10 @@ def hostile(draw: st.DrawFn, place: str) -> str:
 )
 @given(choices=st.data())
 def test_hostile_statements_are_refused_or_answered(server: Server, choices: st.DataObject) -> None:
+    throw(server, choices)
+
+
+def throw(server: Server, choices: st.DataObject) -> None:
     """Never a 500, never a file read or written, never longer or larger than allowed."""
     folder = server.data.parent
     canary = folder / "canary.csv"
@@ -266,12 +257,57 @@ def test_hostile_statements_are_refused_or_answered(server: Server, choices: st.
     assert unlike[canary] == before[canary]
 
 
-def test_after_a_restart_the_tables_are_there(tmp_path: Path) -> None:
-    data = tmp_path / "data"
-    options = ("--auth", "none", "--scene", str(small_scene(tmp_path)))
+@pytest.fixture(scope="module")
+def patient(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server that would let statements run for minutes."""
+    folder = tmp_path_factory.mktemp("patient")
+    data = folder / "data"
+    data.mkdir()
+    (data / "config.toml").write_text("sql_seconds = 300.0\n")
+    with serving(data, "--auth", "none", "--scene", str(small_scene(folder))) as running:
+        yield running
+
+
+def test_a_statement_ends_when_its_client_hangs_up(patient: Server) -> None:
+    """Both places are taken by clients who leave; soon after there is room again."""
+    answered(patient, "SELECT 1")
+    body = json.dumps({"sql": ENDLESS}).encode()
+    head = f"POST /api/sql HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(body)}\r\n\r\n"
     for _ in range(2):
-        with serving(data, *options) as running:
-            found = answered(running, "SELECT count(*), max(position) FROM events")
-            assert found["rows"][0] == [found["position"]] * 2
-            assert running.stop() == 0
-    assert (data / "analytics.duckdb").exists()
+        left = [socket.create_connection(("127.0.0.1", patient.port)) for _ in range(2)]
+        for connection in left:
+            connection.sendall(head.encode() + body)
+        while ask(patient, "SELECT 1").status_code == 200:
+            pass  # until both are running
+        for connection in left:
+            connection.close()
+        answered(patient, "SELECT 1")
+    assert "did not end" not in patient.log.read_text()  # it listened, and was not killed
+
+
+def test_after_a_restart_the_tables_are_there(patient: Server) -> None:
+    asked = answered(patient, "SELECT count(*) FROM events")["position"]
+    assert patient.stop() == 0
+    assert (patient.data / "analytics.duckdb").stat().st_size > 0
+    with serving(patient.data, "--auth", "none") as running:
+        found = answered(running, "SELECT count(*), max(position) FROM events")
+        assert found["rows"][0] == [found["position"]] * 2
+        assert found["position"] >= asked
+        assert running.stop() == 0
+
+
+def stage(seed: int) -> None:
+    """Throw thousands of hostile statements at a server: for the soak, within a minute."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        data = folder / "data"
+        data.mkdir()
+        (data / "config.toml").write_text(LIMITS)
+        (folder / "canary.csv").write_text(f"{CANARY}\n")
+        with serving(data, "--auth", "none", "--scene", str(small_scene(folder))) as running:
+            until = time.monotonic() + STAGE_S
+            while time.monotonic() < until:
+                thrown = given(choices=st.data())(lambda choices: throw(running, choices))
+                more = settings(max_examples=200, deadline=None, database=None)
+                hypothesis.seed(seed)(more(thrown))()
+                seed += 1_000_003

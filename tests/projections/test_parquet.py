@@ -68,7 +68,7 @@ def test_the_history_is_long_enough() -> None:
 def test_others_read_every_ended_order_step_and_event(data: Path, tmp_path: Path) -> None:
     wrote = export(data, tmp_path)
     ended = {id_: order for id_, order in all_orders(LOG).items() if order.terminal}
-    rows = duckdb.sql(
+    rows = duckdb.execute(
         f"SELECT id, status, epoch_ms(done_on), day::VARCHAR FROM '{tmp_path}/orders/*/*.parquet'"
     ).fetchall()
     assert {row[0]: row[1:] for row in rows} == {

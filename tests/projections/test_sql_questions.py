@@ -38,6 +38,7 @@ from ledger.events import (
     StepsDeleted,
 )
 from ledger.evolve import evolve
+from ledger.ids import UnitId
 from ledger.link import InstructionKind
 from ledger.moment import parse_time, time_text
 from ledger.scan import read_folder
@@ -256,8 +257,8 @@ def test_outages_and_what_it_takes_to_mend(answers: dict[str, list[Row]]) -> Non
 
 
 def test_reservations(answers: dict[str, list[Row]]) -> None:
-    owner: dict[str, str] = {}
-    since: dict[str, int] = {}
+    owner: dict[UnitId, str] = {}
+    since: dict[UnitId, int] = {}
     asked_for: Counter[str] = Counter()
     held_s: dict[str, float] = defaultdict(float)
     for event in LOG.events:
