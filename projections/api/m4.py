@@ -48,7 +48,8 @@ async def detail_of(find: Find, order_id: str, at_ms: At | None) -> tuple[Row, i
     if order is None:
         words = f"Field 'orderId': there is no order '{order_id}'."
         raise Refused("errOrderNotFound", words, order_id)
-    return detail(order, find.live.fleet.scenes[order.scene].name), position
+    fleet = await find.fleet(at_ms)
+    return detail(order, fleet.scenes[order.scene].name), position
 
 
 def _scene_query(made: APIRouter, queries: SceneQueries) -> None:

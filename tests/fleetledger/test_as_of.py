@@ -168,3 +168,22 @@ def test_what_has_ended_is_seen_as_it_was(server: Server, known: dict[str, str])
     assert known["order"] in carrier["orders"]
     assert carrier["bins"][0]["status"] == "Filled"
     assert carrier["x"] is not None
+
+
+def test_the_whole_state_of_then_is_the_very_bytes_that_were_given_then(
+    server: Server, known: dict[str, str]
+) -> None:
+    given: dict[int, bytes] = {}
+    for _ in range(5):
+        order = server.order(known["bin"], known["bin"].replace("-L", "-R"))
+        server.until(lambda e, o=order: e.get("order") == o)  # type: ignore[misc]
+        state = server.client.get("/api/ledger/state")
+        given[int(state.headers["x-ledger-position"])] = state.content
+    assert len(given) > 1
+    for position, content in given.items():
+        again = server.client.get("/api/ledger/state", params={"position": position})
+        assert again.content == content
+        event = server.get("/api/ledger/events", after=position - 1, limit=2)
+        if len(event) == 2 and event[1]["at_ms"] > event[0]["at_ms"]:
+            then = server.client.get("/api/ledger/state", params={"at": event[0]["at_ms"]})
+            assert then.content == content
