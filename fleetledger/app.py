@@ -114,6 +114,7 @@ class Core:
         self.reader = Reader(self.history.cursor, self.history.damaged)
         self.durability = Durability(loop, self.ledger.durable, self._apply)
         self.ledger.listen(self.durability.heard)
+        self.ledger.rouse_by(self.durability.gather)
         self.moments = Moments(settings.data, read=self.ledger.read)
         self.find = Find(self.live, self.reader, self._fleet_then, self.clock.now_ms)
         self.analyst = Analyst(settings, lambda: self.live.position)

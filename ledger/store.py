@@ -38,6 +38,8 @@ CHUNK_EVENTS_MAX = 512  # a commit takes no more commands once it has as many ev
 CHUNK_BYTES_MAX = 1024 * 1024  # or as many bytes
 QUEUE_EVENTS_MAX = 65_536  # a few seconds of a slow disk
 
+Rouse = Callable[[Callable[[], None]], None]  # called with what wakes the committer
+
 
 class FileLedger:
     """A folder of segments, with a lock on it and a thread that commits.
@@ -72,6 +74,7 @@ class FileLedger:
         self._writer: SegmentWriter | None = None  # made with the first commit
         self._queue: deque[Sequence[AnyEvent]] = deque()
         self._queued = 0  # events
+        self._rouse: Rouse = lambda wake: wake()
         self._listeners: list[Listener] = []
         self._reports: list[Callable[[LedgerError], None]] = []
         self._failure: LedgerError | None = None
@@ -136,11 +139,21 @@ class FileLedger:
                 return position
             if self._queued and self._queued + len(events) > QUEUE_EVENTS_MAX:
                 raise LedgerBusy(f"{self._queued} events wait for the disk already")
+            first = not self._queue
             self._queue.append(events)
             self._queued += len(events)
             self.position = position
-            self._filled.notify()
+        if first:
+            self._rouse(self._wake)
         return position
+
+    def _wake(self) -> None:
+        with self._filled:
+            self._filled.notify()
+
+    def rouse_by(self, rouse: Rouse) -> None:
+        """Let somebody else rouse the committer: soon, once what else is to be appended is."""
+        self._rouse = rouse
 
     def listen(self, listener: Listener) -> None:
         """Hear of every commit from now on."""

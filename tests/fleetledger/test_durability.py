@@ -51,3 +51,18 @@ async def test_a_client_that_has_gone_holds_nobody_up() -> None:
     await stays
 
     assert gone.cancelled()
+
+
+async def test_the_committer_wakes_when_all_that_has_come_is_decided() -> None:
+    loop = asyncio.get_running_loop()
+    durability = Durability(loop, 0, lambda events: None)
+    happened: list[str] = []
+    loop.call_soon(lambda: durability.gather(lambda: happened.append("woken")))
+    loop.call_soon(lambda: happened.append("decided"))
+    loop.call_soon(lambda: happened.append("decided"))
+
+    await asyncio.to_thread(lambda: durability.gather(lambda: happened.append("at once")))
+    await asyncio.sleep(0)
+
+    assert [what for what in happened if what != "at once"] == ["decided", "decided", "woken"]
+    assert "at once" in happened

@@ -1,5 +1,5 @@
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -139,6 +139,24 @@ def test_commands_that_wait_for_the_disk_share_one_sync(tmp_path: Path) -> None:
     assert disk.syncs == syncs + 1
     ledger.close()
     assert len(chunks(max(tmp_path.glob("*.mcap")))) == 3
+
+
+def test_what_comes_before_the_committer_is_roused_is_one_commit(tmp_path: Path) -> None:
+    ledger = FileLedger.open(tmp_path)
+    wakes: list[Callable[[], None]] = []
+    commits: list[Sequence[AnyEvent]] = []
+    ledger.rouse_by(wakes.append)
+    ledger.listen(commits.append)
+    for n in range(0, 9, 3):
+        ledger.append(EVENTS[n : n + 3], n)
+    assert len(wakes) == 1
+    wakes[0]()
+    assert ledger.wait(9, 30)
+    assert [list(commit) for commit in commits] == [EVENTS[:9]]
+    ledger.append(EVENTS[9:12], 9)
+    assert len(wakes) == 2
+    ledger.close()  # which needs nobody to rouse it
+    assert ledger.durable == 12
 
 
 def test_a_command_never_spans_two_chunks(tmp_path: Path) -> None:
