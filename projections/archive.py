@@ -262,11 +262,11 @@ def digest_of(event: AnyEvent) -> str:
     return hashlib.sha256(msgspec.json.encode(event)).hexdigest()
 
 
-def is_damage(trouble: duckdb.Error) -> bool:
+def is_damage(trouble: Exception) -> bool:
     """Whether it says that the file cannot be read. A full disk, which it calls alike, is none."""
-    if not isinstance(trouble, duckdb.IOException | duckdb.SerializationException):
-        return False
-    return not any(word in str(trouble) for word in ("space", "write"))
+    if isinstance(trouble, duckdb.IOException | duckdb.SerializationException):
+        return not any(word in str(trouble) for word in ("space", "write"))
+    return isinstance(trouble, duckdb.Error) and "orrupt" in str(trouble)  # of no class of its own
 
 
 def _delete(path: Path) -> None:

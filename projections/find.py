@@ -20,6 +20,7 @@ from projections.ended import can_match
 from projections.ended_rows import Ended, ended_order
 from projections.fields import CREATED, ID, SHOWN, Field, Row, row
 from projections.live import Live, Moment
+from projections.order_keys import was_made
 from projections.query import ALL, Condition, folded
 from projections.reading import CHUNK_ROWS, Reader, Select
 from projections.sorting import Key, Rank, rank
@@ -174,6 +175,8 @@ class Find:
             known = fleet.orders.get(id_) or self.live.ended_order(id_, position)
         if known is not None:
             return known, position
+        if not was_made(self.live.fleet.order_counts, id_):
+            return None, position
         need = min(self.live.history_position, position)
         found = await self._reader.run(lambda c: ended_order(c, id_, position, need))
         return found, position

@@ -5,7 +5,8 @@ from the ledger. Until it has the rows that a query needs, the query is refused.
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Condition, Thread
 from time import monotonic
@@ -14,12 +15,13 @@ from typing import TypeAlias
 import duckdb
 import structlog
 
+from ledger.errors import LedgerError
 from ledger.events import AnyEvent
 from ledger.state import Fleet
 from projections.archive import Archive, Read, is_damage
 from projections.live import NEWEST_KEPT, Live
 from projections.projector import Projector
-from projections.reading import Rebuilding
+from projections.reading import Rebuilding, is_broken
 
 BATCH_EVENTS = 1_000
 BATCH_S = 0.1  # a batch waits so long for more
@@ -107,6 +109,20 @@ class History:
                 pass
         raise Rebuilding(self.position, max(need, self.newest))
 
+    @contextmanager
+    def reading(self, need: int = 0) -> Iterator[duckdb.DuckDBPyConnection]:
+        """Read in a thread of one's own; raises Rebuilding, for a file that is damaged too."""
+        try:
+            with self.cursor(need) as cursor:
+                yield cursor
+        except (duckdb.InterruptException, duckdb.ConnectionException):  # it is being closed
+            raise Rebuilding(self.position, self.newest) from None
+        except duckdb.Error as trouble:
+            if not is_broken(trouble):
+                raise
+            self.damaged(trouble)
+            raise Rebuilding(self.position, self.newest) from trouble
+
     def damaged(self, trouble: duckdb.Error) -> None:
         """Take note that a query could not read the file: it is opened again, or built anew."""
         with self._changed:
@@ -128,27 +144,25 @@ class History:
         self._thread.join(CLOSE_S)
 
     def _run(self) -> None:
-        failures, wait_s = 0, RETRY_S
+        failures, failed_at, wait_s = 0, -1, RETRY_S
         while not self._stopped:
-            before = self.position
             try:
                 self._open_and_follow()
-                bad = False
-            except _Broken as trouble:
-                bad = trouble.damage
+                self._close(delete=bool(self._damage))
+                continue
             except Exception as trouble:  # whatever it was, live orders are served meanwhile
                 if self._stopped:
                     break
-                failures = 1 if self.position > before else failures + 1
+                failures = failures + 1 if self.position <= failed_at else 1
+                failed_at = self.position
                 wait_s = RETRY_S if failures == 1 else min(2 * wait_s, RETRY_S_MAX)
-                bad = isinstance(trouble, duckdb.Error) and (
-                    is_damage(trouble) or failures % FAILURES_MAX == 0
-                )
-                log.exception("history falls behind", reason=str(trouble), failures=failures)
-                self._close(delete=bad)
-                self._wait(lambda: self._stopped, wait_s)
-                continue
-            self._close(delete=bad)
+                ours = isinstance(trouble, duckdb.Error)
+                words = {"reason": str(trouble), "failures": failures}
+                log.error("history falls behind", **words, exc_info=not ours)
+                elsewhere = isinstance(trouble, LedgerError | OSError | duckdb.IOException)
+                hopeless = failures % FAILURES_MAX == 0 and not elsewhere
+                self._close(delete=hopeless or is_damage(trouble))
+            self._wait(lambda: self._stopped, wait_s)
         self._close(delete=bool(self._damage))
 
     def _close(self, *, delete: bool) -> None:
@@ -182,8 +196,6 @@ class History:
             else:
                 self._catch_up(archive, projector)
             self._committed(archive)
-        if self._damage is not None and not self._stopped:
-            raise _Broken(damage=bool(self._damage))
 
     def _catch_up(self, archive: Archive, projector: Projector) -> None:
         said_s = monotonic()
@@ -243,12 +255,3 @@ class History:
             if not self._queue or self._queue[0].position != position + 1:
                 return []
             return [self._queue.popleft() for _ in range(min(BATCH_EVENTS, len(self._queue)))]
-
-
-class _Broken(Exception):
-    """A query found the file, or DuckDB, unusable."""
-
-    def __init__(self, *, damage: bool) -> None:
-        """Take whether the file itself is damaged."""
-        super().__init__()
-        self.damage = damage

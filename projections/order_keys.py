@@ -6,7 +6,7 @@ for a month; of integers it compares all, and reads them ten times as fast (meas
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import date, timedelta
 from functools import lru_cache
@@ -62,6 +62,12 @@ def _key(day: int, digits: str, letter: str) -> OrderKey:
     aligned = int(digits.ljust(DIGITS_MAX, "0"))
     key = (day * 10**DIGITS_MAX + aligned) * CODES + code
     return OrderKey(key=key, day=day, number=int(digits))
+
+
+def was_made(counts: Mapping[str, int], id_: str) -> bool:
+    """Tell whether an order with this id may ever have been made, by the days' counts."""
+    key = key_of(id_)
+    return key is not None and 1 <= key.number <= counts.get(str(key.day), 0)
 
 
 def contains(cursor: duckdb.DuckDBPyConnection, part: str) -> Sql:

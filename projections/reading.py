@@ -16,14 +16,6 @@ QUERY_S_MAX = 10.0
 CHUNK_ROWS = 1_000
 REBUILDING_WAIT_S = 5
 
-# what says that the file, or DuckDB itself, is broken
-UNREADABLE = (
-    duckdb.IOException,
-    duckdb.SerializationException,
-    duckdb.InternalException,
-    duckdb.FatalException,
-)
-
 T = TypeVar("T")
 Select: TypeAlias = tuple[str, list[Any]]  # a statement and its parameters
 
@@ -49,6 +41,17 @@ class Rebuilding(Refused):
             "Live orders, commands, robots and scenes are served.",
             percent,
         )
+
+
+def is_broken(trouble: duckdb.Error) -> bool:
+    """Whether the file, or DuckDB itself, is broken; not the statement."""
+    broken = (
+        duckdb.IOException,
+        duckdb.SerializationException,
+        duckdb.InternalException,
+        duckdb.FatalException,
+    )
+    return type(trouble) is duckdb.Error or isinstance(trouble, broken)
 
 
 class Cursors(Protocol):
@@ -126,7 +129,9 @@ class Reader:
             ) from None
         except duckdb.ConnectionException:  # closed already
             raise Rebuilding(0, 0) from None
-        except UNREADABLE as trouble:
+        except duckdb.Error as trouble:
+            if not is_broken(trouble):
+                raise
             self._damaged(trouble)
             raise Rebuilding(0, 0) from trouble
         except asyncio.CancelledError:

@@ -44,7 +44,7 @@ class Stories:
         """Give all events of an order that are on disk."""
         projected = self._history.position
         behind = self._history.newest - NEWS_MAX
-        with self._history.cursor(max(projected, behind)) as cursor:
+        with self._history.reading(max(projected, behind)) as cursor:
             key = key_of(order)
             keyed = None if key is None else key.key
             rows = cursor.execute(_EVENTS, [keyed, order, projected]).fetchall()
@@ -57,7 +57,7 @@ class Stories:
         # memory before DuckDB: an order on its way from one to the other is seen twice, not never
         ended = self._live.ended_by(position)
         need = min(self._live.history_position, position)
-        with self._history.cursor(need) as cursor:
+        with self._history.reading(need) as cursor:
             rows = cursor.execute(_ENDED, [scene, position, limit]).fetchall()
         orders = {order.id: order for order in (_order.decode(body) for (body,) in rows)}
         orders.update((order.id, order) for order in ended if order.scene == scene)

@@ -106,8 +106,16 @@ class Side:
         self.live = Live(log.fleet_at(position))
         self.history = History(folder / "history.duckdb", self.live)
         self.history.start(Log(log.events[:position]).read, log.fleet_at, wait_s=20)
+        self._dress()
+
+    def _dress(self) -> None:
+        log = self.log
         self.reader = Reader(self.history.cursor, self.history.damaged)
         self.find = Find(self.live, self.reader, log.moment, lambda: log.events[-1].at_ms)
+
+    def reach(self, position: int) -> None:
+        with self.history.moved:
+            assert self.history.moved.wait_for(lambda: self.history.position >= position, 20)
 
     def go_on(self, until: int) -> None:
         events = self.log.events[self.live.position : until]

@@ -23,14 +23,17 @@ def opened(path: Path, log: Log = LOG) -> tuple[History, Live]:
 
 
 def contents(history: History) -> tuple[list[str], list[int], int]:
-    cursor = history.cursor()
-    ids = [id_ for (id_,) in cursor.execute("SELECT id FROM orders_done ORDER BY id").fetchall()]
+    return *rows(history.cursor()), history.position
+
+
+def rows(cursor: duckdb.DuckDBPyConnection) -> tuple[list[str], list[int]]:
+    ids = cursor.execute("SELECT id FROM orders_done ORDER BY id").fetchall()
     events = cursor.execute("SELECT position FROM order_events ORDER BY position").fetchall()
-    return ids, [position for (position,) in events], history.position
+    return [id_ for (id_,) in ids], [position for (position,) in events]
 
 
 def whole(log: Log = LOG) -> tuple[list[str], list[int], int]:
-    ended = sorted(id_ for id_, order in all_orders(log).items() if order.terminal)
+    ended = sorted(str(id_) for id_, order in all_orders(log).items() if order.terminal)
     of_orders = [event.position for event in log.events if isinstance(event, OfOrder)]
     return ended, of_orders, len(log.events)
 
