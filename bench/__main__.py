@@ -20,6 +20,7 @@ NAMES = (
     "stream",
     "telemetry",
     "peers",
+    "startup",
 )
 RESULTS = Path(__file__).parent / "results"
 
