@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ledger.events import AnyEvent
 from ledger.store import FileLedger
@@ -18,7 +19,7 @@ def in_threes(events: Sequence[AnyEvent]) -> list[Sequence[AnyEvent]]:
     return [events[n : n + 3] for n in range(0, len(events), 3)]
 
 
-def written(directory: Path, commits: Sequence[Sequence[AnyEvent]], **options: int) -> Path:
+def written(directory: Path, commits: Sequence[Sequence[AnyEvent]], **options: Any) -> Path:
     """A cleanly closed ledger; gives its newest segment."""
     ledger = FileLedger.open(directory, **options)
     commit_each(ledger, commits)

@@ -1,7 +1,9 @@
+import contextlib
 import errno
 import os
 import shutil
 from pathlib import Path
+from random import Random
 
 import pytest
 
@@ -17,6 +19,7 @@ from ledger.segment import BEGINNING, TRAILER_BYTES
 from ledger.store import FileLedger
 from ledger.verify import verify
 from tests.histories import history
+from tests.laws.crash.disk import Crashed, FaultyDisk, Trouble
 from tests.ledger.folders import commit_each, in_threes, written
 
 EVENTS = history(31, 60)
@@ -169,6 +172,25 @@ def test_whatever_fails_while_sealing_nothing_is_lost(
         path.write_bytes(live)
     assert steps > 6
     assert list(read_folder(folder)) == EVENTS
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_crash_or_a_power_cut_while_sealing_loses_nothing(tmp_path: Path, seed: int) -> None:
+    rng, folder = Random(seed), tmp_path / "ledger"
+    disk = FaultyDisk(tmp_path, rng)
+    written(folder, in_threes(EVENTS), segment_chunks_max=4, disk=disk, threaded=False)
+    for _ in range(4):
+        disk.live(Trouble(rng, soon=rng.random() < 0.5))
+        with contextlib.suppress(Crashed):
+            list(seal_folder(disk, folder, failed=lambda path, trouble: None))
+        disk.live(None)
+        assert list(read_folder(folder)) == EVENTS
+        ledger = FileLedger.open(folder, disk=disk, threaded=False)
+        assert list(ledger.read(0)) == EVENTS
+        ledger.close()
+        assert not list(folder.glob("*.tmp"))
+    assert verify(tmp_path).sound
+    assert not disk.broken_rules
 
 
 def test_a_draft_left_behind_does_not_stop_the_next_sealing(folder: Path) -> None:
