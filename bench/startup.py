@@ -4,8 +4,8 @@ A ledger of so many events is written (its syncs left out, for this is not about
 tail as a crash leaves it. Then `fleetledger serve` is started again and again, each time after a
 kill -9: with and without snapshots, with and without `history.duckdb`, with segments as they were
 written and sealed. What counts is the time from the start of the process to the line `ready`, the
-import of the program included; CPU time and memory are those of the core by then. Beside it: how fast events
-are folded, how long a past moment takes, what an event costs on disk.
+import of the program included; CPU time and memory are those of the core by then. Beside it: how
+fast events are folded, how long a past moment takes, what an event costs on disk.
 
 With `--data` the folder is kept, and used again as it is: then the writing is spared.
 """

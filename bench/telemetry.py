@@ -1,10 +1,11 @@
 """What telemetry costs: a thousand robots at ten reports a second, `python -m bench.telemetry`.
 
-Two measurements. The *log* alone, on virtual time: CPU seconds of `write` and `write_plans` for a
+Three measurements. The *log* alone, on virtual time: CPU seconds of `write` and `write_plans` for a
 second of a plant, and bytes on disk, for robots that all drive and for a mix where every other one
 stands. The *intake* as `serve` has it, on real time: another process publishes over zenoh, this one
 takes in, decodes, shows and logs; what counts is the CPU time of this whole process, zenoh's
-threads too, less that of the same process with nobody publishing.
+threads too, less that of the same process with nobody publishing. And *commits* beside the log:
+how long acknowledged appends wait while another thread of the process writes telemetry, and not.
 
 Robots are simulated ones that wander (`bench.sim`); plans have the size and pace of real ones,
 measured in a shift of 30 robots: 1.55 a second and robot, 6.7 polygons of 6.5 points each.
@@ -17,6 +18,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from itertools import pairwise
@@ -24,6 +26,7 @@ from pathlib import Path
 
 import msgspec
 
+from bench.append import acknowledged, percentile
 from bench.sim import STEP_S, Wanderers
 from fleetledger.collector import tame
 from fleetledger.intake import Intake
@@ -41,6 +44,7 @@ START_MS = 1_790_000_000_000
 WRITE_EVERY = 2  # reports of a robot between two calls of the log, as the intake coalesces them
 PLAN_EVERY = 6  # ticks between two plans of one robot
 CELL_M, CELLS = 0.8, 7  # ground that a robot holds
+CLIENTS, TURNS = 8, 5  # that wait for commits, with telemetry and without
 TAPE_S = 10  # of reports that the publisher plays to and fro
 
 
@@ -213,6 +217,44 @@ async def _cpu_s(seconds: float) -> float:
     return time.process_time() - began_s
 
 
+def commits(root: Path, seconds: int) -> dict[str, float | str]:
+    """Measure what acknowledged appends wait without telemetry and with it, by turns."""
+    plant = Plant(driving=1.0)
+    tape = []
+    for _ in range(50):
+        reports = plant.reports()
+        tape.append((reports, plans_of(reports, plant.tick)))
+    tame()
+    sys.setswitchinterval(0.0005)  # as `serve` does
+    waits: dict[bool, list[float]] = {False: [], True: []}
+    log, tick = TelemetryLog(root / "telemetry"), 0
+    for turn in range(2 * TURNS):
+        busy, stop = turn % 2 == 1, threading.Event()
+
+        def write(stop: threading.Event = stop) -> None:
+            nonlocal tick
+            while not stop.wait(0.1 * WRITE_EVERY):
+                tick += WRITE_EVERY
+                now_ms = START_MS + tick * 100
+                reports, plans = tape[tick % len(tape)]
+                log.write([msgspec.structs.replace(r, at_ms=now_ms) for r in reports])
+                log.write_plans([msgspec.structs.replace(p, at_ms=now_ms) for p in plans])
+
+        writer = threading.Thread(target=write)
+        if busy:
+            writer.start()
+        waits[busy] += acknowledged(root / f"ledger-{turn}", CLIENTS, seconds / TURNS / 2)[1]
+        stop.set()
+        if busy:
+            writer.join()
+    log.close()
+    row: dict[str, float | str] = {"what": f"commits, {CLIENTS} waiting"}
+    for busy, name in ((False, "without"), (True, "with")):
+        for share in (50, 99):
+            row[f"p{share}_ms_{name}"] = percentile(waits[busy], share / 100) * 1e3
+    return row
+
+
 def rows(seconds: int, endpoint: str) -> Iterator[dict[str, float | str]]:
     """Measure one after the other."""
     for driving in (1.0, 0.5):
@@ -220,6 +262,8 @@ def rows(seconds: int, endpoint: str) -> Iterator[dict[str, float | str]]:
             yield log_alone(Path(name), seconds, driving=driving)
     with tempfile.TemporaryDirectory(prefix="fleetledger-bench-") as name:
         yield asyncio.run(intake(Path(name), endpoint, seconds))
+    with tempfile.TemporaryDirectory(prefix="fleetledger-bench-") as name:
+        yield commits(Path(name), seconds)
 
 
 def main() -> list[dict[str, float | str]] | None:
