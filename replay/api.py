@@ -1,7 +1,6 @@
 """HTTP of the past: the ledger as it is, the state at any moment, the console and its frames."""
 
 import asyncio
-from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -144,7 +143,7 @@ def _moment(at: str | None, position: str | None) -> At:
 
 
 def _some(source: Source, after: int, until: int, limit: int) -> list[AnyEvent]:
-    return list(islice(source.read(after, until), limit)) if after < until else []
+    return list(source.read(after, min(until, after + limit))) if after < until else []
 
 
 def _replay(made: APIRouter, source: Source) -> None:

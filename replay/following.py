@@ -6,7 +6,6 @@ sent: one that does not read holds what is on its way to it, and is let go after
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from itertools import islice
 
 import msgspec
 from starlette.responses import Response
@@ -89,7 +88,7 @@ class Followers:
         """Read and write out events; gives the newest position among them too."""
         if after >= until:
             return b"", after
-        events = list(islice(self._source.read(after, until), BATCH_EVENTS_MAX))
+        events = list(self._source.read(after, min(until, after + BATCH_EVENTS_MAX)))
         lines = [
             b"id: %d\nevent: %s\ndata: %s\n\n"
             % (event.position, type(event).__name__.encode(), msgspec.json.encode(event))
