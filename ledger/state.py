@@ -33,6 +33,7 @@ class OrderStatus(StrEnum):
 
 
 TERMINAL = frozenset({OrderStatus.DONE, OrderStatus.CANCELLED})
+_DONE, _CANCELLED = OrderStatus.DONE, OrderStatus.CANCELLED  # through the class: 0.4 µs a look
 
 
 class StepStatus(StrEnum):
@@ -131,7 +132,7 @@ class Order(Value, frozen=True, kw_only=True):
     @property
     def terminal(self) -> bool:
         """Done or cancelled: it changes no more."""
-        return self.status in TERMINAL
+        return self.status is _DONE or self.status is _CANCELLED
 
 
 class BinStatus(StrEnum):
