@@ -12,6 +12,7 @@ NAMES = (
     "create",
     "calls",
     "read",
+    "scale",
     "moments",
     "assign",
     "planner",

@@ -9,18 +9,17 @@ import msgspec
 from ledger.ids import OrderId
 from ledger.state import Order
 from projections.condition_sql import column, order_by, where
-from projections.fields import ID, Field
+from projections.fields import ID, Field, Row, row
 from projections.order_keys import contains
 from projections.query import Condition, How, Test, folded
 from projections.reading import Rebuilding, Select
 from projections.sorting import Key
 
-# so many rows are looked up one by one when it is known which they are; more are read by columns
-KEYS_FIRST_MAX = 200
+WHOLE_MAX = 1_000  # rows are made from orders as a whole; more are read by columns
 
 _decode = msgspec.json.Decoder(Order).decode
-_BODIES = (
-    "SELECT o.rowid, scene_name, body FROM orders_done o "
+_AT = (
+    "SELECT o.rowid, {} FROM orders_done o "
     "JOIN (SELECT unnest(?::BIGINT[]) AS wanted) ON o.rowid = wanted"
 )
 
@@ -67,26 +66,27 @@ class Ended:
             return sql, self._parameters
         return f"{sql} LIMIT ?", [*self._parameters, need]
 
-    def window(
-        self, fields: Sequence[Field], sort: Sequence[Key], skip: int, limit: int
-    ) -> list[tuple[Any, ...]]:
-        """Give rows skip … skip + limit, each the fields and then what it is sorted by.
+    def places(self, sort: Sequence[Key], skip: int, limit: int) -> list[tuple[Any, ...]]:
+        """Tell where rows skip … skip + limit are, each with what it is sorted by.
 
-        First which they are, from the few columns that decide it, then each whole: to read forty
-        columns at fifty places takes ten times as long as the text that they were made of.
+        Only the few columns are read that decide it: forty columns at fifty places take ten times
+        as long to read as the text that they were made of.
         """
-        if limit > KEYS_FIRST_MAX:
-            sql, parameters = self.select(fields, sort, limit)
-            return self._cursor.execute(f"{sql} OFFSET ?", [*parameters, skip]).fetchall()
-        sql = f"SELECT rowid FROM orders_done {self._sorted(sort)} LIMIT ? OFFSET ?"
-        found = self._cursor.execute(sql, [*self._parameters, limit, skip]).fetchall()
-        places = [place for (place,) in found]
+        columns = ", ".join(column(key.field) for key in sort)
+        sql = f"SELECT rowid, {columns} FROM orders_done {self._sorted(sort)} LIMIT ? OFFSET ?"
+        return self._cursor.execute(sql, [*self._parameters, limit, skip]).fetchall()
+
+    def rows(self, places: Sequence[int], fields: Sequence[Field]) -> dict[int, Row]:
+        """Give the rows at these places, which stay where they are: nothing is ever deleted."""
         if not places:
-            return []
-        rows = self._cursor.execute(_BODIES, [places]).fetchall()
-        read = [field.read for field in (*fields, *(key.field for key in sort))]
-        orders = {place: (_decode(body), scene) for place, scene, body in rows}
-        return [tuple(value(*orders[place]) for value in read) for place in places]
+            return {}
+        if len(places) <= WHOLE_MAX:
+            found = self._cursor.execute(_AT.format("scene_name, body"), [places]).fetchall()
+            return {place: row(_decode(body), scene, fields) for place, scene, body in found}
+        columns = ", ".join(map(column, fields))
+        found = self._cursor.execute(_AT.format(columns), [places]).fetchall()
+        names = [field.name for field in fields]
+        return {place: dict(zip(names, values, strict=True)) for place, *values in found}
 
     def _sorted(self, sort: Sequence[Key]) -> str:
         return f"WHERE {self._where} ORDER BY {order_by(sort, by_id_key=self._keyed)}"

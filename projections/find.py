@@ -260,10 +260,13 @@ def _window(
         return [ranked.row for ranked in memory[skip : skip + limit]]
     start = max(0, skip - len(memory))
     ended = Ended(cursor, moment.history_position, asked.condition, asked.fuzzy)
-    found = ended.window(asked.fields, asked.sort, start, skip + limit - start)
-    merged = memory + [_ranked(asked, values) for values in found]
-    merged.sort(key=lambda ranked: ranked.rank)
-    return [ranked.row for ranked in merged[skip - start : skip - start + limit]]
+    found = ended.places(asked.sort, start, skip + limit - start)
+    there: list[tuple[Rank, Row | int]] = [(one.rank, one.row) for one in memory]
+    there += [(rank(asked.sort, values), place) for place, *values in found]
+    there.sort(key=lambda one: one[0])
+    wanted = [what for _, what in there[skip - start : skip - start + limit]]
+    rows = ended.rows([what for what in wanted if isinstance(what, int)], asked.fields)
+    return [rows[what] if isinstance(what, int) else what for what in wanted]
 
 
 def _count(cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked) -> int:
