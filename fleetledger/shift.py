@@ -37,12 +37,13 @@ class Shift:
         disturbance: Disturbance | None = None,
         ledger: Ledger | None = None,
         step_ms: int = STEP_MS,
+        bus: MemoryBus | None = None,
     ) -> None:
         """Take the site, and the ledger to write to (default: one in memory)."""
         self.now_ms = START_MS
         self.step_ms = step_ms
         self.ledger = ledger or MemoryLedger()
-        self.bus = MemoryBus()
+        self.bus = bus or MemoryBus()
         numbers = count(1)
         self.handler = Handler(
             Fleet(), self.ledger, lambda: self.now_ms, lambda: f"{next(numbers):024X}"

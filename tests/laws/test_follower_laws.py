@@ -9,6 +9,7 @@ import random
 import msgspec
 import pytest
 
+from fleetledger.shift import Shift
 from ledger.bus import EVENTS_AFTER_KEY, EVENTS_KEY, MemoryBus
 from ledger.errors import LedgerDiverged
 from ledger.events import AnyEvent
@@ -17,11 +18,13 @@ from ledger.feed import FeedFollower, FeedServer, Mark, mark_of
 from ledger.ids import CommandId
 from ledger.state import Fleet
 from ledger.store import MemoryLedger
+from sim.warehouses import generate
 from tests.histories import history
+from tests.laws.onlooker import bins_of, load, unload
 
 EVENTS = history(77, 1200)
 STEPS = 120
-STORIES = 150  # of a test run
+STORIES = 60  # of a test run
 SOAK_STORIES = 4_000  # of one stage: some 40 s
 SMALL_BUFFER = 4_000  # bytes, so that it overflows
 
@@ -198,6 +201,36 @@ def live(seed: int, *, backups: bool = True) -> Story:
 def test_nothing_is_lost_doubled_or_mixed(backups: bool) -> None:
     told = sum(live(seed, backups=backups).told for seed in range(STORIES))
     assert (told > STORIES // 10) is backups
+
+
+class Switch(MemoryBus):
+    """Can be turned off for the feed alone."""
+
+    off = False
+
+    def publish(self, key: str, payload: bytes) -> None:
+        if not (self.off and key == EVENTS_KEY):
+            super().publish(key, payload)
+
+    def ask(self, key: str, payload: bytes = b"", timeout_s: float = 5.0) -> list[bytes]:
+        if self.off and key == EVENTS_AFTER_KEY:
+            raise TimeoutError("the feed is off")
+        return super().ask(key, payload, timeout_s)
+
+
+def test_the_scheduler_knows_of_nothing_but_by_the_feed() -> None:
+    shift = Shift(generate(aisles=2, bays=2, robots=2, seed=1), bus=Switch())
+    shift.run(20.0)
+    assert isinstance(shift.bus, Switch)
+    shift.bus.off = True
+    source, target = bins_of(generate(aisles=2, bays=2, robots=2, seed=1))[:2]
+    order = shift.order(load(source), unload(target))
+    shift.run(10.0)
+    assert shift.fleet.orders[order].robot is None
+    shift.bus.off = False
+    shift.order(load(target), unload(source))  # shows that something was missed
+    shift.run(10.0)
+    assert shift.fleet.orders[order].robot is not None
 
 
 def stage(seed: int) -> None:

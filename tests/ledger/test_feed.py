@@ -1,16 +1,24 @@
+import hashlib
+import queue
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ledger.bus import EVENTS_AFTER_KEY, EVENTS_KEY, STATE_KEY, Bus, Handler, MemoryBus
+from ledger.codec import encode
 from ledger.errors import LedgerDiverged
 from ledger.events import AnyEvent
 from ledger.evolve import fold
 from ledger.feed import ANSWER_EVENTS, ANSWERS_MAX, READY_EVENTS_MAX, FeedFollower, FeedServer
+from ledger.ids import CommandId
 from ledger.snapshot import restore
 from ledger.state import Fleet
 from ledger.store import FileLedger, MemoryLedger
@@ -177,11 +185,19 @@ def test_without_a_core_there_is_nothing_to_follow() -> None:
         FeedFollower(MemoryBus()).start()
 
 
-@pytest.fixture
-def buses() -> Iterator[tuple[ZenohBus, ZenohBus]]:
+def free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        endpoint = f"{LOOPBACK}:{probe.getsockname()[1]}"
+        return f"{LOOPBACK}:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def buses(endpoint: str) -> Iterator[tuple[ZenohBus, ZenohBus]]:
     core = ZenohBus(endpoint)
     try:
         other = ZenohBus(None, [endpoint])
@@ -216,3 +232,62 @@ def test_a_follower_over_zenoh_keeps_up(buses: tuple[ZenohBus, ZenohBus], tmp_pa
         assert late.start().canonical() == fold(fleet, got).canonical()
     finally:
         ledger.close()
+
+
+FOLLOWER = """
+import hashlib, sys
+from ledger.codec import encode
+from ledger.feed import FeedFollower, Mark
+from ledger.zenoh_bus import ZenohBus
+
+bus = ZenohBus(None, [sys.argv[1]])
+bus.live("following")
+follower = FeedFollower(bus)
+follower.start_behind(Mark())
+print("ready", flush=True)
+sys.stdin.readline()  # stopped before this
+sha, last = hashlib.sha256(), int(sys.argv[2])
+while follower.position < last:
+    follower.wait(follower.position + 1, 5.0)
+    for event in follower.drain():
+        sha.update(encode(event))
+print(sha.hexdigest(), flush=True)
+bus.close()
+"""
+FLOOD = 60_000  # events, some 30 MB: more than all queues on the way hold
+
+
+def test_a_follower_that_stalls_holds_up_nobody_and_misses_nothing(
+    buses: tuple[ZenohBus, ZenohBus], endpoint: str
+) -> None:
+    """It is still there afterwards: nobody waited for it until its connection was closed."""
+    core = buses[0]
+    kind = EVENTS[4]
+    events = [
+        msgspec.structs.replace(kind, position=n, at_ms=n, command=CommandId(f"c{n}" * 60))
+        for n in range(1, FLOOD + 1)
+    ]
+    ledger = MemoryLedger()
+    FeedServer(core, ledger, Fleet)
+    there: queue.Queue[bool] = queue.Queue()
+    core.watch("following", lambda key, alive: there.put(alive))
+    process = subprocess.Popen(
+        [sys.executable, "-c", FOLLOWER, endpoint, str(FLOOD)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        assert there.get(timeout=30)
+        process.send_signal(signal.SIGSTOP)
+        for first in range(0, FLOOD, 100):
+            ledger.append(events[first : first + 100], first)
+        process.send_signal(signal.SIGCONT)
+        said, _ = process.communicate("go on\n", timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    sha = hashlib.sha256(b"".join(encode(event) for event in events))
+    assert said.strip() == sha.hexdigest()
+    assert not there.get(timeout=30)  # it left at the end …
+    assert there.empty()  # … and only then
