@@ -160,17 +160,16 @@ LIMIT 50
     ),
     _ask(
         "How long was the queue?",
-        "Orders that waited for a robot at each full minute.",
+        "Orders that waited for a robot at each full minute; a minute without a change has no row.",
         """
-WITH minutes AS (
-    SELECT unnest(generate_series(
-        date_trunc('minute', (SELECT min(began_on) FROM waits)) + INTERVAL 1 MINUTE,
-        (SELECT max(coalesce(ended_on, began_on)) FROM waits),
-        INTERVAL 1 MINUTE)) AS minute
+WITH changes AS (
+    SELECT began_on AS at_on, 1 AS change FROM waits WHERE phase = 'Assignment'
+    UNION ALL
+    SELECT ended_on, -1 FROM waits WHERE phase = 'Assignment' AND ended_on IS NOT NULL
 )
-SELECT minute, count(order_id) AS waiting
-FROM minutes LEFT JOIN waits
-     ON phase = 'Assignment' AND began_on <= minute AND (ended_on > minute OR ended_on IS NULL)
+SELECT date_trunc('minute', at_on + INTERVAL 59999 MILLISECONDS) AS minute,
+       sum(sum(change)) OVER (ORDER BY minute) AS waiting
+FROM changes
 GROUP BY minute
 ORDER BY minute
 """,
@@ -291,10 +290,15 @@ ORDER BY hour_of_day
         "Types of events of the same robot or order before the faults of each reason: what comes "
         "often is worth a look.",
         """
+WITH looked_at AS (
+    SELECT *, unnest([date_trunc('minute', began_on),
+                      date_trunc('minute', began_on) - INTERVAL 1 MINUTE]) AS minute
+    FROM faults
+)
 SELECT f."of", f.reason, e.type, count(*) AS times, count(DISTINCT f.position) AS before_faults
-FROM faults AS f JOIN events AS e
-     ON e.at_on > f.began_on - INTERVAL 1 MINUTE AND e.position < f.position
-     AND e.at_on <= f.began_on AND e.scene = f.scene_id
+FROM looked_at AS f JOIN events AS e
+     ON date_trunc('minute', e.at_on) = f.minute AND e.scene = f.scene_id
+     AND e.at_on > f.began_on - INTERVAL 1 MINUTE AND e.position < f.position
      AND (e.robot = f.robot OR e.order_id = f.order_id)
 GROUP BY f."of", f.reason, e.type
 ORDER BY times DESC, f."of", f.reason, e.type
