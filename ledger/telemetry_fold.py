@@ -42,14 +42,15 @@ class ReportFold:
         self._motion: dict[RobotName, Numbers] = {}  # without, steps lead nowhere
         self._point: dict[RobotName, PointName | None] = {}
         self._stepped: set[RobotName] = set()  # since they were stated
-        self._since = 0
+        self._last = (0, 0)  # when it was whole, batches since
 
     def feed(self, batch: Head, until_ms: int) -> list[RobotName]:
         """Take one batch in, nothing later than a moment; give the robots it told of."""
         assert isinstance(batch, ReportBatch)
-        if not batch.whole and batch.since != self._since + 1:
+        whole_ms, since = self._last
+        self._last = (batch.whole_ms, batch.since)
+        if not batch.whole and self._last != (whole_ms, since + 1):
             self._settle()
-        self._since = batch.since
         told = []
         for report in batch.items:
             if report.at_ms <= until_ms and self._is_new(report):
@@ -129,12 +130,14 @@ class PlanFold:
         """Know nothing."""
         self._plans: dict[RobotName, Plan] = {}
         self._spaces: dict[int, Space] = {}
+        self._whole_ms = 0
 
     def feed(self, batch: Head, until_ms: int) -> list[RobotName]:
         """Take one batch in, nothing later than a moment; give the robots it told of."""
         assert isinstance(batch, PlanBatch)
-        if batch.whole:
+        if batch.whole or batch.whole_ms != self._whole_ms:
             self._spaces.clear()
+            self._whole_ms = batch.whole_ms
         self._spaces.update(enumerate(batch.spaces, start=batch.first_space))
         told = []
         for number, plan in enumerate(batch.items):

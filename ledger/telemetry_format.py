@@ -28,7 +28,8 @@ class Head(Value, frozen=True, kw_only=True):
     scene: SceneId
     at_ms: int  # when it was written; never less than in the batch before
     whole: bool  # holds the newest of every robot of the scene, not only what changed
-    since: int = 0  # batches of this scene since the whole one; a gap means that one is missing
+    whole_ms: int = 0  # `at_ms` of the whole batch that this one goes on from
+    since: int = 0  # batches of this scene since that one; a gap means that one is missing
 
 
 class Moved(Value, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ class _Series(Generic[Item]):
     def __init__(self) -> None:
         self.newest: dict[RobotKey, Item] = {}
         self.scenes: set[SceneId] = set()
-        self._since: dict[SceneId, int] = {}
+        self._since: dict[SceneId, tuple[int, int]] = {}  # when it was whole, batches since
 
     def seed(self, scene: SceneId, items: Iterable[Item]) -> None:
         """Begin with what an earlier run knew of a scene."""
@@ -38,13 +38,14 @@ class _Series(Generic[Item]):
                 self.newest[key] = item
                 yield key, item
 
-    def _next(self, scene: SceneId) -> int:
-        self._since[scene] += 1
+    def _next(self, scene: SceneId) -> tuple[int, int]:
+        whole_ms, since = self._since[scene]
+        self._since[scene] = whole_ms, since + 1
         return self._since[scene]
 
-    def _of(self, scene: SceneId) -> list[Item]:
+    def _of(self, scene: SceneId, now_ms: int) -> list[Item]:
         """Begin to count batches of a scene anew, with the newest of its robots."""
-        self._since[scene] = 0
+        self._since[scene] = now_ms, 0
         return [item for item in self.newest.values() if item.scene == scene]
 
     def _all(self, now_ms: int) -> list[SceneId]:
@@ -129,11 +130,13 @@ class ReportSeries(_Series[Report]):
             steps=tuple(map(tuple, steps[places].astype("int64").T.tolist())),
             points=tuple(due[place][1].point for place in places),
         )
+        whole_ms, since = self._next(scene) if scene in self._since else (0, 0)
         return ReportBatch(
             scene=scene,
             at_ms=now_ms,
             whole=False,
-            since=self._next(scene) if scene in self._since else 0,
+            whole_ms=whole_ms,
+            since=since,
             items=tuple(items),
             moved=moved if places else None,
         )
@@ -145,7 +148,7 @@ class ReportSeries(_Series[Report]):
             yield self._stated(scene, now_ms)
 
     def _stated(self, scene: SceneId, now_ms: int) -> ReportBatch:
-        reports = self._of(scene)
+        reports = self._of(scene, now_ms)
         new = table(reports)
         for report, row, exact in zip(reports, new, is_exact(new).tolist(), strict=True):
             key = robot_key(scene, report.robot)
@@ -153,7 +156,8 @@ class ReportSeries(_Series[Report]):
             last.state(report, steady(report), exact=exact)
             self._motion = grown(self._motion, len(self._written))
             self._motion[last.row] = row
-        return ReportBatch(scene=scene, at_ms=now_ms, whole=True, items=tuple(reports))
+        items = tuple(reports)
+        return ReportBatch(scene=scene, at_ms=now_ms, whole=True, whole_ms=now_ms, items=items)
 
 
 class PlanSeries(_Series[Plan]):
@@ -188,12 +192,12 @@ class PlanSeries(_Series[Plan]):
     def _batch(self, scene: SceneId, now_ms: int, fresh: Sequence[Plan] | None = None) -> PlanBatch:
         """State what is fresh, or the newest of every robot."""
         if fresh is None:
-            plans: Sequence[Plan] = self._of(scene)
+            plans: Sequence[Plan] = self._of(scene, now_ms)
             self._written.update((robot_key(scene, plan.robot), plan) for plan in plans)
             self._spaces[scene] = {}
-            since = 0
+            whole_ms, since = now_ms, 0
         else:
-            plans, since = fresh, self._next(scene)
+            plans, (whole_ms, since) = fresh, self._next(scene)
         known = self._spaces[scene]
         first = len(known)
         held = tuple(
@@ -203,6 +207,7 @@ class PlanSeries(_Series[Plan]):
             scene=scene,
             at_ms=now_ms,
             whole=fresh is None,
+            whole_ms=whole_ms,
             since=since,
             items=tuple(msgspec.structs.replace(plan, spaces=()) for plan in plans),
             held=held,

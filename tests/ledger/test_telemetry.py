@@ -339,6 +339,30 @@ def test_a_robot_under_way_costs_little(tmp_path: Path) -> None:
     assert path.stat().st_size / (60 * 5 * 100) < 20  # packed, drawings and index too
 
 
+@given(cut=st.integers(0, 1 << 20), length=st.integers(1, 2_000))
+@settings(max_examples=40, deadline=None)
+def test_steps_are_not_counted_over_a_batch_that_is_missing(cut: int, length: int) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = TelemetryLog(folder, chunk_ms=200)
+        said = {}
+        for tick in range(60):
+            reports = [report(f"R{n}", T0 + tick * 200, (tick + n) ** 2 % 23 / 4) for n in range(3)]
+            log.write(reports)
+            said.update({(r.robot, r.at_ms): r for r in reports})
+        log.close()
+        [(_, path)] = files(folder)
+        content = bytearray(path.read_bytes())
+        at = 8 + cut % (len(content) - 8)
+        content[at : at + length] = bytes(min(length, len(content) - at))
+        path.write_bytes(content)
+        for found in read_telemetry(folder, SCENE, T0, T0 + 60_000):
+            assert found == said[found.robot, found.at_ms]
+        for second in range(13):
+            for found in reports_at(folder, SCENE, T0 + second * 1_000).values():
+                assert found == said[found.robot, found.at_ms]
+
+
 @given(cut=st.integers(0, 1 << 20), length=st.integers(1, 4_000))
 @settings(max_examples=60, deadline=None)
 def test_damage_costs_plans_and_never_gives_wrong_ones(cut: int, length: int) -> None:
