@@ -7,6 +7,7 @@ sets the limit, and the core kills who does not listen.
 
 import os
 import resource
+import shutil
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -87,6 +88,7 @@ class AnalystRole:
         if self._stopped:
             return
         spill = self._data / "analytics.spill"
+        shutil.rmtree(spill, ignore_errors=True)  # what a process that was killed has left
         self._analytics = Analytics.open(
             self._data / FILE, self._read, self._fleet_at, newest, self._memory_mb // 2, spill
         )
