@@ -105,6 +105,17 @@ def test_a_wrong_bit_before_a_whole_commit_is_damage(
         assert (tmp_path / ONE).read_bytes() == wrong, "refusing changes nothing"
 
 
+def test_a_whole_last_commit_that_contradicts_itself_is_damage_not_a_torn_tail(
+    tmp_path: Path, crashed: tuple[bytes, list[int]]
+) -> None:
+    raw, ends = crashed
+    wrong = bytearray(raw)
+    wrong[ends[8] + 10] ^= 1  # the first log time, in a chunk whose CRC is right
+    with pytest.raises(LedgerDamaged, match="times are not those of its messages"):
+        reopened(tmp_path, bytes(wrong))
+    assert (tmp_path / ONE).read_bytes() == wrong
+
+
 def test_a_commit_taken_out_of_the_middle_is_damage(
     tmp_path: Path, crashed: tuple[bytes, list[int]]
 ) -> None:
