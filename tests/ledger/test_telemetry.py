@@ -1,25 +1,20 @@
 """The telemetry log gives any moment back, torn or still being written, and keeps its limits."""
 
-import errno
-import io
 import math
 import shutil
 import tempfile
 from pathlib import Path
-from typing import IO, cast
 
 import msgspec
-import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
-from typing_extensions import Buffer
 
-from ledger.ids import PathKey, PointName, RobotName, SceneId
-from ledger.link import Plan, Report, Space
+from ledger.ids import PathKey, PointName, RobotName
+from ledger.link import Plan
 from ledger.telemetry import (
     TelemetryLog,
     plans_at,
@@ -28,46 +23,7 @@ from ledger.telemetry import (
     reports_at,
 )
 from ledger.telemetry_format import LOOK_BACK_MS, WHOLE_EVERY_MS, files
-
-SCENE = SceneId("00000000000000000000000a")
-OTHER = SceneId("00000000000000000000000b")
-T0 = 1_795_000_000_000
-
-
-def report(robot: str, at_ms: int, x_m: float, scene: SceneId = SCENE) -> Report:
-    return Report(
-        scene=scene,
-        robot=RobotName(robot),
-        number=at_ms - T0,
-        at_ms=at_ms,
-        area=0,
-        x_m=x_m,
-        y_m=1.5,
-        heading_rad=0.25,
-    )
-
-
-def plan(robot: str, at_ms: int, x_m: float) -> Plan:
-    """Hold a square metre, and half a dozen others with who is near."""
-    squares = (((x, 0.0), (x + 1, 0.0), (x + 1, 1.0), (x, 1.0)) for x in (x_m,))
-    return Plan(
-        scene=SCENE,
-        robot=RobotName(robot),
-        at_ms=at_ms,
-        ready=True,
-        spaces=tuple(Space(points=points) for points in squares),
-    )
-
-
-def drive(log: TelemetryLog, seconds: int, robots: int = 3, start_ms: int = T0) -> list[Report]:
-    """Ten reports a second of every robot, all moving; gives them all."""
-    said = []
-    for tick in range(seconds * 10):
-        at_ms = start_ms + tick * 100
-        batch = [report(f"R{n}", at_ms, (at_ms - T0) / 1000 + n) for n in range(robots)]
-        log.write(batch)
-        said += batch
-    return said
+from tests.ledger.driving import OTHER, SCENE, T0, drive, plan, report
 
 
 def test_a_moment_has_the_newest_report_of_each_robot(tmp_path: Path) -> None:
@@ -132,27 +88,6 @@ def test_reading_follows_the_file_that_is_being_written(tmp_path: Path) -> None:
         now_ms = T0 + second * 1000 + 900
         assert reports_at(tmp_path, SCENE, now_ms)[RobotName("R0")].at_ms >= now_ms - 200
     log.close()
-
-
-@given(cut=st.integers(0, 1 << 20), flip=st.booleans())
-@settings(max_examples=60, deadline=None)
-def test_a_torn_or_damaged_file_reads_as_far_as_it_is_whole(cut: int, flip: bool) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        log = TelemetryLog(folder)
-        said = {(r.robot, r.at_ms): r for r in drive(log, seconds=4)}
-        log.close()
-        [(_, path)] = files(folder)
-        content = bytearray(path.read_bytes())
-        at = 8 + cut % (len(content) - 8)
-        if flip:
-            content[at] ^= 0x40
-        else:
-            del content[at:]
-        path.write_bytes(content)
-        for found in read_telemetry(folder, SCENE, T0, T0 + 5_000):
-            assert found == said[found.robot, found.at_ms]
-        reports_at(folder, SCENE, T0 + 4_000)
 
 
 histories = st.lists(
@@ -339,54 +274,6 @@ def test_a_robot_under_way_costs_little(tmp_path: Path) -> None:
     assert path.stat().st_size / (60 * 5 * 100) < 20  # packed, drawings and index too
 
 
-@given(cut=st.integers(0, 1 << 20), length=st.integers(1, 2_000))
-@settings(max_examples=40, deadline=None)
-def test_steps_are_not_counted_over_a_batch_that_is_missing(cut: int, length: int) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        log = TelemetryLog(folder, chunk_ms=200)
-        said = {}
-        for tick in range(60):
-            reports = [report(f"R{n}", T0 + tick * 200, (tick + n) ** 2 % 23 / 4) for n in range(3)]
-            log.write(reports)
-            said.update({(r.robot, r.at_ms): r for r in reports})
-        log.close()
-        [(_, path)] = files(folder)
-        content = bytearray(path.read_bytes())
-        at = 8 + cut % (len(content) - 8)
-        content[at : at + length] = bytes(min(length, len(content) - at))
-        path.write_bytes(content)
-        for found in read_telemetry(folder, SCENE, T0, T0 + 60_000):
-            assert found == said[found.robot, found.at_ms]
-        for second in range(13):
-            for found in reports_at(folder, SCENE, T0 + second * 1_000).values():
-                assert found == said[found.robot, found.at_ms]
-
-
-@given(cut=st.integers(0, 1 << 20), length=st.integers(1, 4_000))
-@settings(max_examples=60, deadline=None)
-def test_damage_costs_plans_and_never_gives_wrong_ones(cut: int, length: int) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        log = TelemetryLog(folder, chunk_ms=200)
-        said = {}
-        for tick in range(60):
-            plans = [plan(f"R{n}", T0 + tick * 200, float((tick + n) % 9)) for n in range(4)]
-            log.write_plans(plans)
-            said.update({(p.robot, p.at_ms): p for p in plans})
-        log.close()
-        [(_, path)] = files(folder)
-        content = bytearray(path.read_bytes())
-        at = 8 + cut % (len(content) - 8)
-        content[at : at + length] = bytes(min(length, len(content) - at))
-        path.write_bytes(content)
-        for found in read_plans(folder, SCENE, T0, T0 + 60_000):
-            assert found == said[found.robot, found.at_ms]
-        for second in range(13):
-            for found in plans_at(folder, SCENE, T0 + second * 1_000).values():
-                assert found == said[found.robot, found.at_ms]
-
-
 @given(
     steps=st.lists(st.integers(100, 9_000), min_size=1, max_size=30),
     keep_ms=st.integers(0, 60_000),
@@ -415,39 +302,6 @@ def test_there_is_never_more_than_the_limits_and_one_file(
             ends = [next_ms for next_ms, _ in (*old, (start_ms, newest))][1:]
             assert all(end_ms >= start_ms - keep_ms for end_ms in ends)
         log.close()
-
-
-class Full(io.FileIO):
-    """A file on a disk that is full after so many bytes, and then is not full any more."""
-
-    def __init__(self, path: Path, room: int) -> None:
-        super().__init__(path, "x")
-        self._room = room
-
-    def write(self, data: Buffer) -> int:
-        some = bytes(data)[: self._room]
-        self._room -= len(some)
-        super().write(some)
-        if len(some) < len(bytes(data)):
-            raise OSError(errno.ENOSPC, "no space left on device")
-        return len(some)
-
-
-@pytest.mark.parametrize("room", [0, 10, 1_000, 2_000, 3_000, 4_000])
-def test_a_full_disk_costs_telemetry_only_and_it_comes_back(tmp_path: Path, room: int) -> None:
-    rooms = [room]
-
-    def opened(path: Path) -> IO[bytes]:
-        return cast("IO[bytes]", Full(path, rooms.pop())) if rooms else path.open("xb")
-
-    log = TelemetryLog(tmp_path, opened=opened)
-    said = {(r.robot, r.at_ms): r for r in drive(log, seconds=30)}
-    said |= {(r.robot, r.at_ms): r for r in drive(log, seconds=5, start_ms=T0 + 100_000)}
-    log.close()
-    assert len(files(tmp_path)) == 2
-    for found in read_telemetry(tmp_path, SCENE, T0, T0 + 200_000):
-        assert math.isclose(found.x_m, said[found.robot, found.at_ms].x_m, abs_tol=0.0005001)
-    assert reports_at(tmp_path, SCENE, T0 + 104_000)[RobotName("R0")].at_ms == T0 + 104_000
 
 
 def test_a_robot_whose_clock_is_wrong_does_not_say_how_old_files_are(tmp_path: Path) -> None:
