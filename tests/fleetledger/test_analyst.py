@@ -274,11 +274,10 @@ def test_a_statement_ends_when_its_client_hangs_up(patient: Server) -> None:
     body = json.dumps({"sql": ENDLESS}).encode()
     head = f"POST /api/sql HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(body)}\r\n\r\n"
     for _ in range(2):
-        left = [socket.create_connection(("127.0.0.1", patient.port)) for _ in range(2)]
-        for connection in left:
-            connection.sendall(head.encode() + body)
-        while ask(patient, "SELECT 1").status_code == 200:
-            pass  # until both are running
+        left: list[socket.socket] = []
+        while ask(patient, "SELECT 1").status_code == 200:  # until two are running
+            left.append(socket.create_connection(("127.0.0.1", patient.port)))
+            left[-1].sendall(head.encode() + body)
         for connection in left:
             connection.close()
         answered(patient, "SELECT 1")
