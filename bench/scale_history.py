@@ -15,7 +15,7 @@ from ledger.ids import CommandId, OrderId, RobotName, SceneId, StepId
 from ledger.state import Order, OrderKind, OrderStatus, Step, StepStatus, StepTask
 from projections.archive import Archive, digest_of
 from projections.fields import FIELDS
-from projections.order_keys import CODES, DIGITS_MAX
+from projections.order_keys import BASE, PLACES
 from projections.tables import KEYS, ORDER_EVENTS, ORDERS, Placed
 
 ROBOTS = 200
@@ -27,6 +27,10 @@ SCENE_NAME = "bench"
 PART_ORDERS = 500_000  # in one statement
 BINS = 400
 
+# as projections/order_keys.py has it, for numbers of six digits
+_KEY = f"({START_MS // DAY_MS + 719_163} + i // {ORDERS_A_DAY}) * {BASE**PLACES}" + "".join(
+    f" + (id_number // {10 ** (5 - n)} % 10 + 1) * {BASE ** (PLACES - 1 - n)}" for n in range(6)
+)
 # made of the running number i, and hashed so that neighbours differ
 _MADE = f"""
 SELECT i, {START_MS} + i * {DAY_MS // ORDERS_A_DAY} AS created_ms,
@@ -37,7 +41,7 @@ SELECT i, {START_MS} + i * {DAY_MS // ORDERS_A_DAY} AS created_ms,
        'AMB-' || hash(i + 1) % {ROBOTS} AS robot,
        strftime(epoch_ms(created_ms), '%Y%m%d')::BIGINT AS id_day,
        i % {ORDERS_A_DAY} + 1 AS id_number,
-       (id_day * 10 ** {DIGITS_MAX} + id_number * 1000)::BIGINT * {CODES} AS id_key,
+       ({_KEY})::BIGINT AS id_key,
        CASE WHEN hash(i + 2) % 100 < 97 THEN 'Done' ELSE 'Cancelled' END AS status,
        CASE WHEN hash(i + 3) % 100 < 85 THEN 'Business' WHEN hash(i + 3) % 100 < 93 THEN 'Parking'
             WHEN hash(i + 3) % 100 < 97 THEN 'Charging' ELSE 'IdleAvoid' END AS kind,

@@ -7,6 +7,7 @@ more. So none is missing and none comes twice, however far DuckDB has got meanwh
 
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
+from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
 import duckdb
@@ -53,7 +54,7 @@ class Page(Value, frozen=True, kw_only=True):
 
 class _Ranked(Value, frozen=True, kw_only=True):
     rank: Rank
-    row: Row
+    row: Callable[[], Row]  # made for those that are shown
 
 
 class Find:
@@ -105,7 +106,7 @@ class Find:
         if can_match(asked.condition):
             return await self._reader.run(both, moment.history_position)
         rows = await self.beside(lambda: _of_memory(moment, asked, None))
-        some = tuple(ranked.row for ranked in rows[skip : skip + limit])
+        some = tuple(ranked.row() for ranked in rows[skip : skip + limit])
         return Page(rows=some, total=len(rows), position=moment.position)
 
     async def some(self, asked: Asked, skip: int, limit: int, at_ms: At | None = None) -> Page:
@@ -160,10 +161,10 @@ class Find:
             for values in found:
                 ended = _ranked(asked, values)
                 while memory and memory[0].rank < ended.rank:
-                    yield memory.popleft().row
-                yield ended.row
+                    yield memory.popleft().row()
+                yield ended.row()
         for ranked in memory:
-            yield ranked.row
+            yield ranked.row()
 
     async def order(self, id_: OrderId, at_ms: At | None = None) -> tuple[Order | None, int]:
         """Give an order with its steps, or None; and the position at which it is so."""
@@ -184,7 +185,7 @@ class Find:
 
 async def _each(ranked: Sequence[_Ranked]) -> AsyncIterator[Row]:
     for one in ranked:
-        yield one.row
+        yield one.row()
 
 
 async def _chunks(
@@ -230,7 +231,7 @@ def _is_default(asked: Asked) -> bool:
 def _entry(moment: Moment, asked: Asked, order: Order) -> _Ranked:
     scene = moment.scene_names.get(order.scene, "")
     values = [key.field.read(order, scene) for key in asked.sort]
-    return _Ranked(rank=rank(asked.sort, values), row=row(order, scene, asked.fields))
+    return _Ranked(rank=rank(asked.sort, values), row=partial(row, order, scene, asked.fields))
 
 
 def _newest(orders: tuple[Order, ...], need: int) -> tuple[Order, ...]:
@@ -257,16 +258,16 @@ def _window(
         newest = (_entry(moment, asked, order) for order in moment.newest[: skip + limit])
         memory.extend(newest)
         memory.sort(key=lambda ranked: ranked.rank)
-        return [ranked.row for ranked in memory[skip : skip + limit]]
+        return [ranked.row() for ranked in memory[skip : skip + limit]]
     start = max(0, skip - len(memory))
     ended = Ended(cursor, moment.history_position, asked.condition, asked.fuzzy)
     found = ended.places(asked.sort, start, skip + limit - start)
-    there: list[tuple[Rank, Row | int]] = [(one.rank, one.row) for one in memory]
+    there: list[tuple[Rank, Callable[[], Row] | int]] = [(one.rank, one.row) for one in memory]
     there += [(rank(asked.sort, values), place) for place, *values in found]
     there.sort(key=lambda one: one[0])
     wanted = [what for _, what in there[skip - start : skip - start + limit]]
     rows = ended.rows([what for what in wanted if isinstance(what, int)], asked.fields)
-    return [rows[what] if isinstance(what, int) else what for what in wanted]
+    return [rows[what] if isinstance(what, int) else what() for what in wanted]
 
 
 def _count(cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked) -> int:
@@ -291,4 +292,4 @@ def _count_memory(moment: Moment, asked: Asked) -> int:
 def _ranked(asked: Asked, values: Sequence[Any]) -> _Ranked:
     width = len(asked.fields)
     row = {field.name: value for field, value in zip(asked.fields, values, strict=False)}
-    return _Ranked(rank=rank(asked.sort, values[width:]), row=row)
+    return _Ranked(rank=rank(asked.sort, values[width:]), row=lambda: row)

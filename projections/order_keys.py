@@ -15,9 +15,9 @@ import duckdb
 
 from ledger.scene import Value
 
-LETTERS = "ACP"  # of the system's own orders, in order
-DIGITS_MIN, DIGITS_MAX = 6, 9
-CODES = 16  # for the number of digits and the letter
+MARKS = "0123456789ACP"  # all that stands behind the hyphen, in order: 1 … 13, and 0 is the end
+BASE = len(MARKS) + 1
+PLACES = 10  # nine digits and a letter
 # a number of more digits than six does not begin with zero, so each has one text
 _ID = re.compile(r"TO([0-9]{8})-([0-9]{6}|[1-9][0-9]{6,8})([ACP]?)")
 
@@ -41,27 +41,29 @@ class OrderKey(Value, frozen=True, kw_only=True):
 def key_of(id_: str) -> OrderKey | None:
     """Read an id; None where it is not of our pattern.
 
-    Text is compared digit by digit: numbers are aligned to the left, and of those then alike the
-    shorter comes first, unless a letter follows, which comes after every digit.
+    The day counts most, then mark by mark what stands behind the hyphen, as text is compared.
     """
     found = _ID.fullmatch(id_)
     if found is None:
         return None
     day, digits, letter = found[1], found[2], found[3]
-    with suppress(ValueError):
-        return _key(int(day), digits, letter)
-    return None  # no day of the calendar
+    with suppress(ValueError):  # no day of the calendar
+        key = _date(int(day)).toordinal()
+        for place in range(PLACES):
+            mark = (digits + letter)[place : place + 1]
+            key = key * BASE + (MARKS.index(mark) + 1 if mark else 0)
+        return OrderKey(key=key, day=int(day), number=int(digits))
+    return None
 
 
-def _key(day: int, digits: str, letter: str) -> OrderKey:
-    _date(day)
-    if letter:
-        code = 4 + (DIGITS_MAX - len(digits)) * len(LETTERS) + LETTERS.index(letter)
-    else:
-        code = len(digits) - DIGITS_MIN
-    aligned = int(digits.ljust(DIGITS_MAX, "0"))
-    key = (day * 10**DIGITS_MAX + aligned) * CODES + code
-    return OrderKey(key=key, day=day, number=int(digits))
+def id_of(key: int) -> str:
+    """Give the id back."""
+    marks = ""
+    for _ in range(PLACES):
+        key, mark = divmod(key, BASE)
+        marks = (MARKS[mark - 1] if mark else "") + marks
+    day = date.fromordinal(key)
+    return f"TO{day.year:04}{day.month:02}{day.day:02}-{marks}"
 
 
 def was_made(counts: Mapping[str, int], id_: str) -> bool:
