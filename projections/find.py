@@ -99,8 +99,9 @@ class Find:
         moment = await self.moment(at_ms)
 
         def both(cursor: duckdb.DuckDBPyConnection) -> Page:
-            rows = _window(cursor, moment, asked, skip, limit)
-            total = _count(cursor, moment, asked)
+            ended = _ended(cursor, moment, asked)
+            rows = _window(ended, moment, asked, skip, limit)
+            total = ended.count() + _count_memory(moment, asked)
             return Page(rows=tuple(rows), total=total, position=moment.position)
 
         if can_match(asked.condition):
@@ -116,7 +117,8 @@ class Find:
             return Page(rows=page.rows, total=len(page.rows), position=page.position)
         moment = await self.moment(at_ms)
         rows = await self._reader.run(
-            lambda c: _window(c, moment, asked, skip, limit), moment.history_position
+            lambda c: _window(_ended(c, moment, asked), moment, asked, skip, limit),
+            moment.history_position,
         )
         return Page(rows=tuple(rows), total=len(rows), position=moment.position)
 
@@ -151,13 +153,11 @@ class Find:
     async def _merged(self, moment: Moment, asked: Asked, need: int | None) -> AsyncIterator[Row]:
         """Give the rows of memory and of DuckDB in one order, at least the first `need`."""
         memory = deque(_of_memory(moment, asked, need))
-        until = moment.history_position
 
         def select(cursor: duckdb.DuckDBPyConnection) -> Select:
-            ended = Ended(cursor, until, asked.condition, asked.fuzzy)
-            return ended.select(asked.fields, asked.sort, need)
+            return _ended(cursor, moment, asked).select(asked.fields, asked.sort, need)
 
-        async for found in self._reader.stream(select, until):
+        async for found in self._reader.stream(select, moment.history_position):
             for values in found:
                 ended = _ranked(asked, values)
                 while memory and memory[0].rank < ended.rank:
@@ -245,9 +245,11 @@ def _newest(orders: tuple[Order, ...], need: int) -> tuple[Order, ...]:
     return orders[start:]
 
 
-def _window(
-    cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked, skip: int, limit: int
-) -> list[Row]:
+def _ended(cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked) -> Ended:
+    return Ended(cursor, moment.history_position, asked.condition, asked.fuzzy)
+
+
+def _window(ended: Ended, moment: Moment, asked: Asked, skip: int, limit: int) -> list[Row]:
     """Give rows skip … skip + limit of the two sorted lists merged.
 
     A row of DuckDB with `n` before it in DuckDB has between `n` and `n + len(memory)` before it in
@@ -260,7 +262,6 @@ def _window(
         memory.sort(key=lambda ranked: ranked.rank)
         return [ranked.row() for ranked in memory[skip : skip + limit]]
     start = max(0, skip - len(memory))
-    ended = Ended(cursor, moment.history_position, asked.condition, asked.fuzzy)
     found = ended.places(asked.sort, start, skip + limit - start)
     there: list[tuple[Rank, Callable[[], Row] | int]] = [(one.rank, one.row) for one in memory]
     there += [(rank(asked.sort, values), place) for place, *values in found]
@@ -272,8 +273,7 @@ def _window(
 
 def _count(cursor: duckdb.DuckDBPyConnection, moment: Moment, asked: Asked) -> int:
     """Count in a query of its own: as part of the page it is ten times slower (measured)."""
-    ended = Ended(cursor, moment.history_position, asked.condition, asked.fuzzy).count()
-    return ended + _count_memory(moment, asked)
+    return _ended(cursor, moment, asked).count() + _count_memory(moment, asked)
 
 
 def _count_memory(moment: Moment, asked: Asked) -> int:

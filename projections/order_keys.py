@@ -23,7 +23,7 @@ _ID = re.compile(r"TO([0-9]{8})-([0-9]{6}|[1-9][0-9]{6,8})([ACP]?)")
 
 _PART_OF_DAY = re.compile(r"t?o?[0-9]{0,8}", re.ASCII)
 _PART_OF_NUMBER = re.compile(r"([0-9]*)([acp]?)", re.ASCII)
-_NUMBERS = "id_number IN (SELECT n FROM range(?) numbers(n) WHERE {}(printf('%06d', n), ?))"
+_NUMBERS = "SELECT n FROM range(?) numbers(n) WHERE {}(printf('%06d', n), ?)"
 DAYS_MAX = 40_000  # in the span of a history; what is longer has ids of other systems
 
 Sql = tuple[str, list[object]]
@@ -87,14 +87,14 @@ def contains(cursor: duckdb.DuckDBPyConnection, part: str) -> Sql:
     before, hyphen, behind = part.partition("-")
     if hyphen:
         in_days = [day for day in days if f"to{day}".endswith(before)]
-        in_number = _number(behind, "starts_with", number_max, part)
+        in_number = _number(cursor, behind, "starts_with", number_max, part)
         if in_number is not None:
             sql, parameters = _one_of(in_days, len(days))
             ways.append((f"({sql} AND {in_number[0]})", [*parameters, *in_number[1]]))
     else:
         if _PART_OF_DAY.fullmatch(part):
             ways.append(_one_of([day for day in days if part in f"to{day}"], len(days)))
-        in_number = _number(part, "contains", number_max, part)
+        in_number = _number(cursor, part, "contains", number_max, part)
         if in_number is not None:
             ways.append(in_number)
     ways = [way for way in ways if way[0] != "false"]
@@ -106,18 +106,23 @@ def contains(cursor: duckdb.DuckDBPyConnection, part: str) -> Sql:
     return (f"({joined})", [value for _, values in ways for value in values])
 
 
-def _number(text: str, how: str, number_max: int, part: str) -> Sql | None:
+def _number(
+    cursor: duckdb.DuckDBPyConnection, text: str, how: str, number_max: int, part: str
+) -> Sql | None:
     """Find the numbers with a text at the place that `how` says; None where none can have it."""
     found = _PART_OF_NUMBER.fullmatch(text)
     if found is None:
         return None
     digits, letter = found[1], found[2]
-    if letter:  # it stands at the end, so the digits before it do
-        sql = _NUMBERS.format("suffix")
-        return (f"({sql} AND contains(lower(id), ?))", [number_max + 1, digits, part])
-    if not digits:
+    if not digits and not letter:
         return ("true", [])
-    return (_NUMBERS.format(how), [number_max + 1, digits])
+    # found once, for the page and for the count; a letter stands at the end, so do those before it
+    numbers = cursor.execute(_NUMBERS.format("suffix" if letter else how), [number_max + 1, digits])
+    values: list[object] = [[n for (n,) in numbers.fetchall()]]
+    sql = "id_number IN (SELECT unnest(?))"
+    if letter:
+        return (f"({sql} AND contains(lower(id), ?))", [*values, part])
+    return (sql, values)
 
 
 def _one_of(days: list[int], of: int) -> Sql:
