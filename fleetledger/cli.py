@@ -223,9 +223,7 @@ def export(
     with told():
         from fleetledger import offline
 
-        offline.export(
-            data, rrd=rrd, parquet=parquet, scene=scene, since=since, until=until
-        )
+        offline.export(data, rrd=rrd, parquet=parquet, scene=scene, since=since, until=until)
 
 
 @app.command()

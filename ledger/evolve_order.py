@@ -90,9 +90,7 @@ def order_after(order: Order, event: OrderEvent) -> Order:
                 allocation_reject=None,
             )
         case OrderFinished():
-            return _changed(
-                order, event, status=DONE, done_ms=event.at_ms, execution_reject=None
-            )
+            return _changed(order, event, status=DONE, done_ms=event.at_ms, execution_reject=None)
         case AssignmentRejected():
             reject = Reject(code=event.code, robots=event.robots, at_ms=event.at_ms)
             return _changed(order, event, allocation_reject=reject)
