@@ -14,7 +14,7 @@ from tests.laws.test_query_laws import ASKER, order_lists, queries
 from tests.projections.past import SCENE_NAME
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(order_lists(), st.lists(queries(), min_size=1, max_size=10), st.sampled_from(OrderStatus))
 def test_no_ended_order_matches_what_none_can_match(
     orders: list[Order], asked: list[dict[str, Any]], status: OrderStatus

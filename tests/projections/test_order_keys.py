@@ -46,7 +46,7 @@ SMALL = st.builds(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.lists(SMALL, min_size=1, max_size=12, unique=True), st.data())
 def test_a_part_is_found_where_the_text_has_it(ids: list[str], data: st.DataObject) -> None:
     archive = archive_of([order(id_) for id_ in ids])
