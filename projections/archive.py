@@ -20,7 +20,15 @@ from ledger.scene import Value
 from ledger.state import Order
 from projections.order_keys import key_of
 from projections.projector import Projector
-from projections.tables import KEYS, ORDER_EVENTS, ORDERS, SCHEMA_VERSION, arrow, ddl
+from projections.tables import (
+    KEYS,
+    ORDER_EVENTS,
+    ORDERS,
+    SCHEMA_VERSION,
+    ddl,
+    event_rows,
+    order_rows,
+)
 
 CATCH_UP_EVENTS = 20_000  # in one transaction when rebuilding
 LOCK_TRIES = 50  # `fleetledger sql` holds the file only while it copies it
@@ -127,8 +135,8 @@ class Archive:
         if not projector.events:
             return
         newest = projector.events[-1]
-        orders = arrow((*ORDERS, *KEYS), projector.ended)
-        events = arrow(ORDER_EVENTS, [e for e in projector.events if isinstance(e, OfOrder)])
+        orders = order_rows(projector.ended)
+        events = event_rows([e for e in projector.events if isinstance(e, OfOrder)])
         at = Checkpoint(
             position=newest.position,
             digest=digest_of(newest),

@@ -1,6 +1,6 @@
 """Tables of the history in DuckDB, and the rows that orders and events become in them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -30,6 +30,7 @@ _ARROW_TYPES = {
     "BOOLEAN": pa.bool_(),
     "VARCHAR[]": pa.list_(pa.string()),
 }
+_encode = msgspec.json.Encoder().encode  # bytes in UTF-8, which Arrow takes for text
 R = TypeVar("R")  # what a row is made from
 
 
@@ -132,6 +133,39 @@ def arrow(columns: Sequence[Column[R]], rows: Sequence[R]) -> pa.Table:
     return pa.table(
         {c.name: pa.array(list(map(c.read, rows)), _ARROW_TYPES[c.type]) for c in columns}
     )
+
+
+def order_rows(ended: Sequence[Placed]) -> pa.Table:
+    """Make rows of `(*ORDERS, *KEYS)`, as `arrow` does, at half its cost."""
+    orders = [placed.order for placed in ended]
+    names = [placed.scene_name for placed in ended]
+    fields = {f.column: list(map(f.read, orders, names)) for f in FIELDS}
+    parts = [key_of(order.id) for order in orders]
+    values: dict[str, list[Any]] = {
+        **fields,
+        "done_position": [placed.position for placed in ended],
+        "body": [_encode(order) for order in orders],
+        "id_key": [None if part is None else part.key for part in parts],
+        "id_day": [None if part is None else part.day for part in parts],
+        "id_number": [None if part is None else part.number for part in parts],
+    }
+    return _table((*ORDERS, *KEYS), values)
+
+
+def event_rows(events: Sequence[OfOrder]) -> pa.Table:
+    """Make rows of `ORDER_EVENTS`, likewise."""
+    parts = [key_of(event.order) for event in events]
+    values: dict[str, list[Any]] = {
+        "position": [event.position for event in events],
+        "order_id": [event.order for event in events],
+        "id_key": [None if part is None else part.key for part in parts],
+        "body": [_encode(event) for event in events],
+    }
+    return _table(ORDER_EVENTS, values)
+
+
+def _table(columns: Sequence[Column[Any]], values: Mapping[str, list[Any]]) -> pa.Table:
+    return pa.table({c.name: pa.array(values[c.name], _ARROW_TYPES[c.type]) for c in columns})
 
 
 def steps_of(placed: Placed) -> list[PlacedStep]:
