@@ -129,24 +129,24 @@ class Handler:
         return answer_to(self.fleet, key, max(self.now_ms(), self.fleet.at_ms))
 
     def propose(self, proposals: Iterable[AnyProposal]) -> Proposed:
-        """Decide each on the state that the ones before it left; append all that came of it."""
+        """Decide each on the state that the ones before it left, and append what came of it.
+
+        Raises LedgerError where one cannot be appended; those before it stand, and whoever proposed
+        hears of them by the feed.
+        """
         with self._lock:
             at_ms = max(self.now_ms(), self.fleet.at_ms)
             command = Command(id=CommandId(self.new_id()), by=SCHEDULER, at_ms=at_ms)
-            trial = self.fleet.copy()  # the fleet itself must not be ahead of a failed append
             refused: list[str | None] = []
             events: list[AnyEvent] = []
             for proposal in proposals:
                 try:
-                    accepted = _stamped(decide_proposal(trial, proposal, at_ms), command, trial)
+                    accepted = decide_proposal(self.fleet, proposal, at_ms)
                 except Rejected as no:
                     refused.append(no.code)
                     continue
                 refused.append(None)
-                for event in accepted:
-                    evolve(trial, event)
-                events.extend(accepted)
-            self._append_stamped(events)
+                events += self._append(accepted, command)
             return Proposed(
                 position=self.fleet.position, refused=tuple(refused), events=tuple(events)
             )

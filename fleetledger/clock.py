@@ -107,16 +107,22 @@ async def keep_time(data: Path, clock: Clock, every_s: float = KEEP_S) -> None:
     Reports carry times between events, so the newest event alone does not tell where a scaled
     clock was; with this it never goes back over a restart (contract).
     """
-    path, fresh = data / "clock", data / "clock.new"
+    path = data / "clock"
     in_vain = False
     while True:
         ahead_ms = int(2 * KEEP_S * 1000 * clock.speed) if clock.speed > 1 else 0
         try:
-            fresh.write_text(str(clock.now_ms() + ahead_ms))
-            fresh.replace(path)
+            # ext4 writes a file out before its rename: not on the thread that answers
+            await asyncio.to_thread(_replace, path, str(clock.now_ms() + ahead_ms))
             in_vain = False
         except OSError as trouble:
             if not in_vain:  # told once; what is kept is behind until the disk takes it again
                 log.warning("time is not kept", reason=str(trouble))
             in_vain = True
         await asyncio.sleep(every_s)
+
+
+def _replace(path: Path, text: str) -> None:
+    fresh = path.with_name(f"{path.name}.new")
+    fresh.write_text(text)
+    fresh.replace(path)

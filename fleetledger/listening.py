@@ -58,6 +58,14 @@ def _no_password() -> str:
     raise ValueError("the key is encrypted")
 
 
+def free_port() -> int:
+    """Give a port of this machine that nobody listens on just now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
 @asynccontextmanager
 async def served(
     app: ASGIApp, host: str, port: int, tls: ssl.SSLContext | None = None

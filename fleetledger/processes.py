@@ -8,6 +8,10 @@ from collections.abc import Sequence
 import structlog
 from prometheus_client import Counter
 
+from fleetledger.clock import Clock
+from fleetledger.config import Settings
+from fleetledger.listening import free_port
+
 log = structlog.get_logger()
 
 RESTARTS = Counter("fleetledger_child_restarts", "Children started again", ["process"])
@@ -77,3 +81,14 @@ class Child:
             log.warning("child killed", child=self.name)
             self._process.kill()
             await self._process.wait()
+
+
+def children_of(settings: Settings, clock: Clock, core: str) -> list[Child]:
+    """Name the processes that a server starts; robots of a plant connect to both endpoints as well."""
+    scheduler = f"tcp/127.0.0.1:{free_port()}"
+    common = ["--clock", clock.text(), "--data", str(settings.data)]
+    children = [Child("scheduler", ["--listen", scheduler, "--connect", core, *common])]
+    if settings.simulate:
+        seed = ["--seed", str(settings.seed)]
+        children.append(Child("sim", ["--connect", core, "--connect", scheduler, *seed, *common]))
+    return children

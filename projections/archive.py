@@ -1,22 +1,24 @@
 """The DuckDB file of ended orders, and the events of all: a cache that may be deleted."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from threading import Event as Flag
 from time import monotonic
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 from weakref import WeakSet
 
 import duckdb
 import msgspec
+import pyarrow as pa
 import structlog
 
 from ledger.events import AnyEvent
 from ledger.events.orders import OfOrder
 from ledger.scene import Value
+from ledger.snapshot import at_once
 from ledger.state import Order
 from projections.order_keys import key_of
 from projections.projector import Projector
@@ -31,6 +33,7 @@ from projections.tables import (
 )
 
 CATCH_UP_EVENTS = 20_000  # in one transaction when rebuilding
+SLICE = 64  # rows made in one go
 LOCK_TRIES = 50  # `fleetledger sql` holds the file only while it copies it
 LOCK_RETRY_S = 0.1
 THREADS = 2
@@ -39,6 +42,8 @@ CLOSE_S = 2.0  # for queries under way to be broken off
 CLOSE_RETRY_S = 0.005
 
 Read: TypeAlias = Callable[[int], Iterator[AnyEvent]]  # events behind a position, in order
+
+R = TypeVar("R")  # what rows are made of
 
 log = structlog.get_logger()
 
@@ -130,13 +135,18 @@ class Archive:
         """Position of the newest event that is taken in."""
         return self._at.position
 
-    def commit(self, projector: Projector) -> None:
-        """Append what the projector has gathered, and the checkpoint, in one transaction."""
+    def commit(self, projector: Projector, give_way: Callable[[], None] = at_once) -> None:
+        """Append what the projector has gathered, and the checkpoint, in one transaction.
+
+        `give_way` is called between slices of making rows: a millisecond of Python each, in which
+        whoever answers clients waits.
+        """
         if not projector.events:
             return
         newest = projector.events[-1]
-        orders = order_rows(projector.ended)
-        events = event_rows([e for e in projector.events if isinstance(e, OfOrder)])
+        orders = _sliced(order_rows, projector.ended, give_way)
+        of_orders = [e for e in projector.events if isinstance(e, OfOrder)]
+        events = _sliced(event_rows, of_orders, give_way)
         at = Checkpoint(
             position=newest.position,
             digest=digest_of(newest),
@@ -172,6 +182,7 @@ class Archive:
         read: Read,
         stop: Callable[[], bool],
         told: Callable[[int], None] = lambda position: None,
+        give_way: Callable[[], None] = at_once,
     ) -> None:
         """Commit all that the ledger holds behind our position.
 
@@ -179,12 +190,15 @@ class Archive:
         """
         events = read(self.position)
         while not stop():
-            batch = list(islice(events, CATCH_UP_EVENTS))
-            if not batch:
+            while (room := CATCH_UP_EVENTS - len(projector.events)) > 0:
+                some = list(islice(events, min(SLICE, room)))
+                if not some:
+                    break
+                projector.take_all(some)
+                give_way()
+            if not projector.events:
                 return
-            for event in batch:
-                projector.take(event)
-            self.commit(projector)
+            self.commit(projector, give_way)
             told(self.position)
 
     def newest(self, count: int, until: int) -> list[Order]:
@@ -232,6 +246,16 @@ class Archive:
         for cursor in list(self._cursors):
             with suppress(duckdb.ConnectionException):  # it is closed
                 cursor.interrupt()
+
+
+def _sliced(
+    make: Callable[[Sequence[R]], pa.Table], of: Sequence[R], give_way: Callable[[], None]
+) -> pa.Table:
+    tables = []
+    for start in range(0, max(len(of), 1), SLICE):
+        tables.append(make(of[start : start + SLICE]))
+        give_way()
+    return pa.concat_tables(tables)
 
 
 class _Unusable(Exception):

@@ -17,8 +17,9 @@ import structlog
 
 from ledger.errors import LedgerError
 from ledger.events import AnyEvent
+from ledger.snapshot import at_once
 from ledger.state import Fleet
-from projections.archive import Archive, Read, is_damage
+from projections.archive import SLICE, Archive, Read, is_damage
 from projections.live import NEWEST_KEPT, Live
 from projections.projector import Projector
 from projections.reading import Rebuilding, is_broken
@@ -41,11 +42,21 @@ log = structlog.get_logger()
 class History:
     """The projector. It only ever sees durable events, so it is never ahead of the ledger."""
 
-    def __init__(self, path: Path, live: Live, told: Told = lambda position, newest: None) -> None:
-        """Take the file, what forgets ended orders once they are in it, and who hears of it."""
+    def __init__(
+        self,
+        path: Path,
+        live: Live,
+        told: Told = lambda position, newest: None,
+        give_way: Callable[[], None] = at_once,
+    ) -> None:
+        """Take the file, what forgets ended orders once they are in it, and who hears of it.
+
+        `give_way` is called about once a millisecond of work, to let others go first.
+        """
         self._path = path
         self._live = live
         self._told = told
+        self._give_way = give_way
         self._queue: deque[AnyEvent] = deque()
         self.newest = 0  # position known to be in the ledger
         self._changed = Condition()  # guards queue, newest, stopped, damage
@@ -190,9 +201,10 @@ class History:
         self._tell()
         while (batch := self._batch(projector.position)) is not None:
             if batch:
-                for event in batch:
-                    projector.take(event)
-                archive.commit(projector)
+                for start in range(0, len(batch), SLICE):
+                    projector.take_all(batch[start : start + SLICE])
+                    self._give_way()
+                archive.commit(projector, self._give_way)
             else:
                 self._catch_up(archive, projector)
             self._committed(archive)
@@ -212,7 +224,7 @@ class History:
                     percent=percent, position=position, of=self.newest, since=since,
                 )  # fmt: skip
 
-        archive.catch_up(projector, self._read, self._interrupted, told)
+        archive.catch_up(projector, self._read, self._interrupted, told, self._give_way)
         if monotonic() - said_s > PROGRESS_S or since == 0:
             log.info("history is up to date", position=archive.position, since=since)
 

@@ -1,5 +1,7 @@
 """Events into rows of the history: an order becomes a row when it has ended and changes no more."""
 
+from collections.abc import Iterable
+
 from ledger.events import AnyEvent, OrderCreated, SceneImported, SceneRenamed
 from ledger.events.orders import OfOrder
 from ledger.evolve_order import order_after, order_created
@@ -17,6 +19,11 @@ class Projector:
         self._scene_names = {id_: scene.name for id_, scene in fleet.scenes.items()}
         self.events: list[AnyEvent] = []
         self.ended: list[Placed] = []
+
+    def take_all(self, events: Iterable[AnyEvent]) -> None:
+        """Take in the next events."""
+        for event in events:
+            self.take(event)
 
     def take(self, event: AnyEvent) -> None:
         """Take in the next event."""

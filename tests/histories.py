@@ -10,6 +10,7 @@ from random import Random
 from hypothesis import strategies as st
 
 from ledger.events import (
+    AnswersWindowSet,
     AnyEvent,
     CommandAnswered,
     RobotAdded,
@@ -89,4 +90,6 @@ def _next(random: Random, fleet: Fleet, scene: SceneId) -> AnyEvent | None:
     if roll < 0.995:
         kind = random.choice((of_scene, of_ground, of_device, of_device))
         return kind(random, fleet, scene)
-    return CommandAnswered(scene=scene, digest="a" * 64, status=200, body='{"ok":true}')
+    if roll < 0.9985:
+        return CommandAnswered(scene=scene, digest="a" * 64, status=200, body='{"ok":true}')
+    return AnswersWindowSet(scene=scene, count_max=random.randint(1, 50), age_s_max=3600)
