@@ -84,7 +84,7 @@ class Child:
 
 
 def children_of(settings: Settings, clock: Clock, core: str) -> list[Child]:
-    """Name the processes that a server starts; robots of a plant connect to both endpoints as well."""
+    """Name the processes to be started; robots of a plant connect to both endpoints as well."""
     scheduler = f"tcp/127.0.0.1:{free_port()}"
     common = ["--clock", clock.text(), "--data", str(settings.data)]
     children = [Child("scheduler", ["--listen", scheduler, "--connect", core, *common])]
