@@ -23,8 +23,6 @@ def run_sealer(data: Path) -> int:
     """Seal all that can be sealed; gives the exit code."""
     os.setpgid(0, 0)  # Ctrl-C is for the server, which stops its children in order
     os.nice(NICE)
-    if hasattr(os, "SCHED_IDLE"):  # then whoever wakes up need not wait for a time slice's end
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     configure(process="sealer", as_json=not sys.stderr.isatty())
     stop = stop_when_orphaned()
     for number in (signal.SIGTERM, signal.SIGINT):
