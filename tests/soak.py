@@ -113,6 +113,8 @@ class Soak:
                 if time.monotonic() - told > LINE_S:
                     told = time.monotonic()
                     print(self._line(), flush=True)
+        except KeyboardInterrupt:
+            print("stopped before its time")
         finally:
             for call in self._calls:
                 call.stop()
