@@ -13,7 +13,6 @@ NAMES = (
     "calls",
     "read",
     "scale",
-    "moments",
     "assign",
     "planner",
     "sim",

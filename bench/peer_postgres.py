@@ -58,7 +58,7 @@ class Postgres:
             except psycopg.OperationalError:
                 if time.monotonic() > end or self._server.poll() is not None:
                     raise
-                time.sleep(0.1)
+                time.sleep(0.1)  # it tells nobody when it takes connections
 
     def connect(self) -> "psycopg.Connection[tuple[object, ...]]":
         """Open one more."""

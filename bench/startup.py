@@ -84,7 +84,7 @@ class Server:
         while self._figure("fleetledger_history_position") < position:
             if time.monotonic() - began_s > REBUILD_S_MAX:
                 raise RuntimeError("history was not rebuilt")
-            time.sleep(0.2)
+            time.sleep(0.2)  # the server tells how far it is only when asked
         return time.monotonic() - began_s
 
     def kill(self) -> None:

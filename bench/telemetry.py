@@ -14,7 +14,6 @@ measured in a shift of 30 robots: 1.55 a second and robot, 6.7 polygons of 6.5 p
 import argparse
 import asyncio
 import re
-import socket
 import subprocess
 import sys
 import tempfile
@@ -30,6 +29,7 @@ from bench.append import acknowledged, percentile
 from bench.sim import STEP_S, Wanderers
 from fleetledger.collector import tame
 from fleetledger.intake import Intake
+from fleetledger.listening import free_port
 from ledger.bus import plans_key, report_key
 from ledger.ids import PathKey, PointName, RobotName, SceneId
 from ledger.link import Plan, Report, Space
@@ -161,7 +161,7 @@ def _publish(endpoint: str, seconds: float) -> None:
         bus.publish(plans_key(SCENE), re.sub(rb'"at_ms":\d+', now.split(b",")[1], intended[at]))
         tick += 1
         due += 0.1
-        time.sleep(max(0.0, due - time.monotonic()))
+        time.sleep(max(0.0, due - time.monotonic()))  # robots report at a pace
     print("published", tick * ROBOTS, flush=True)
     bus.close()
 
@@ -276,18 +276,11 @@ def main() -> list[dict[str, float | str]] | None:
         _publish(arguments.publish, arguments.seconds)
         return None
     found = []
-    for row in rows(arguments.seconds, f"tcp/127.0.0.1:{_free_port()}"):
+    for row in rows(arguments.seconds, f"tcp/127.0.0.1:{free_port()}"):
         figures = ", ".join(f"{k} {v:,.2f}" for k, v in row.items() if isinstance(v, float))
         print(f"{row['what']:<44} {figures}", flush=True)
         found.append(row)
     return found
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import structlog
 from ledger.disk import DRAFT, Disk, write_file
 from ledger.events import AnyEvent
 from ledger.evolve import evolve
+from ledger.pace import GiveWay, at_once
 from ledger.scan import read_folder
 from ledger.scene import Value
 from ledger.state import STATE_VERSION, Fleet
@@ -59,11 +60,7 @@ def shape() -> str:
     return hashlib.sha256(schema).hexdigest()[:16]
 
 
-def at_once() -> None:
-    """Give way to nobody."""
-
-
-def to_bytes(fleet: Fleet, give_way: Callable[[], None] = at_once) -> bytes:
+def to_bytes(fleet: Fleet, give_way: GiveWay = at_once) -> bytes:
     """Head and state as one file's content; `give_way` is called between pieces of some 0.4 ms."""
     pieces: list[bytes] = []
     sha = hashlib.sha256()
@@ -151,7 +148,7 @@ def save(
     fleet: Fleet,
     kept_max: int = KEPT_MAX,
     disk: Disk | None = None,
-    give_way: Callable[[], None] = at_once,
+    give_way: GiveWay = at_once,
 ) -> Path:
     """Keep the state; hand over a copy whose position is on disk, from any thread.
 
@@ -266,14 +263,14 @@ class Snapshotter:
         """
         return position - self._newest >= max(self._apart, 2 * self._live)
 
-    def keep(self, fleet: Fleet, give_way: Callable[[], None] = at_once) -> None:
+    def keep(self, fleet: Fleet, give_way: GiveWay = at_once) -> None:
         """Save it, or go without where the disk does not take it: the next is due as any other."""
         try:
             self.save(fleet, give_way)
         except OSError as trouble:
             log.warning("snapshot not written", position=fleet.position, reason=str(trouble))
 
-    def save(self, fleet: Fleet, give_way: Callable[[], None] = at_once) -> Path:
+    def save(self, fleet: Fleet, give_way: GiveWay = at_once) -> Path:
         """Save a copied fleet whose position is durable; call it off the thread that answers."""
         self._newest = max(self._newest, fleet.position)
         self._live = len(fleet.orders)

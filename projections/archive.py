@@ -17,8 +17,8 @@ import structlog
 
 from ledger.events import AnyEvent
 from ledger.events.orders import OfOrder
+from ledger.pace import GiveWay, at_once
 from ledger.scene import Value
-from ledger.snapshot import at_once
 from ledger.state import Order
 from projections.order_keys import key_of
 from projections.projector import Projector
@@ -135,7 +135,7 @@ class Archive:
         """Position of the newest event that is taken in."""
         return self._at.position
 
-    def commit(self, projector: Projector, give_way: Callable[[], None] = at_once) -> None:
+    def commit(self, projector: Projector, give_way: GiveWay = at_once) -> None:
         """Append what the projector has gathered, and the checkpoint, in one transaction.
 
         `give_way` is called between slices of making rows: a millisecond of Python each, in which
@@ -182,7 +182,7 @@ class Archive:
         read: Read,
         stop: Callable[[], bool],
         told: Callable[[int], None] = lambda position: None,
-        give_way: Callable[[], None] = at_once,
+        give_way: GiveWay = at_once,
     ) -> None:
         """Commit all that the ledger holds behind our position.
 
@@ -249,7 +249,7 @@ class Archive:
 
 
 def _sliced(
-    make: Callable[[Sequence[R]], pa.Table], of: Sequence[R], give_way: Callable[[], None]
+    make: Callable[[Sequence[R]], pa.Table], of: Sequence[R], give_way: GiveWay
 ) -> pa.Table:
     tables = []
     for start in range(0, max(len(of), 1), SLICE):

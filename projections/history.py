@@ -17,7 +17,7 @@ import structlog
 
 from ledger.errors import LedgerError
 from ledger.events import AnyEvent
-from ledger.snapshot import at_once
+from ledger.pace import GiveWay, at_once
 from ledger.state import Fleet
 from projections.archive import SLICE, Archive, Read, is_damage
 from projections.live import NEWEST_KEPT, Live
@@ -47,7 +47,7 @@ class History:
         path: Path,
         live: Live,
         told: Told = lambda position, newest: None,
-        give_way: Callable[[], None] = at_once,
+        give_way: GiveWay = at_once,
     ) -> None:
         """Take the file, what forgets ended orders once they are in it, and who hears of it.
 

@@ -108,7 +108,7 @@ class Soak:
             while self._failed is None and (self._calls or self._left_s() > 0):
                 while self._left_s() > 0 and len(self._calls) < (os.cpu_count() or 1):
                     self._calls.append(Call(*next(self._turns)))
-                time.sleep(POLL_S)
+                time.sleep(POLL_S)  # of several processes none can be waited for alone
                 self._look()
                 if time.monotonic() - told > LINE_S:
                     told = time.monotonic()

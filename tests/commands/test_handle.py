@@ -1,4 +1,5 @@
 import threading
+from collections.abc import Sequence
 from itertools import count
 
 import pytest
@@ -6,7 +7,7 @@ import pytest
 from commands.handle import Handler, Reply
 from commands.orders import CancelOrder, CreateOrder
 from commands.rejected import Reason, Rejected
-from ledger.errors import Unknown
+from ledger.errors import LedgerBusy, Unknown
 from ledger.events import AnyEvent, CommandAnswered, OrderCreated, stamped
 from ledger.evolve import fold
 from ledger.ids import CommandId, OrderId
@@ -198,3 +199,30 @@ def test_what_is_only_considered_does_not_happen() -> None:
     assert considered.made == h.handle(create()).made
     with pytest.raises(Rejected):
         h.consider(create(tasks=()))
+
+
+class Full(MemoryLedger):
+    """A ledger that takes so many appends more."""
+
+    def __init__(self, events: list[AnyEvent], left: int) -> None:
+        super().__init__(events)
+        self.left = left
+
+    def append(self, events: Sequence[AnyEvent], expected: int) -> int:
+        if not self.left:
+            raise LedgerBusy("too much waits for the disk already")
+        self.left -= 1
+        return super().append(events, expected)
+
+
+@pytest.mark.parametrize("left", [0, 1, 2])
+def test_the_state_is_what_was_appended_also_where_a_batch_of_proposals_breaks_off(
+    left: int,
+) -> None:
+    ledger = Full(_history(opened(R1)), left)
+    h = handler(ledger)
+    disconnect, connect = (kind(scene=SCENE, robot=R1) for kind in (DisconnectRobot, ConnectRobot))
+    with pytest.raises(LedgerBusy):
+        h.propose([disconnect, connect, disconnect])
+    assert h.fleet.position == ledger.position == 3 + left
+    assert fold(Fleet(), ledger.read(0)).canonical() == h.fleet.canonical()

@@ -50,7 +50,7 @@ def answered(server: Server, sql: str, **more: Any) -> Any:
         if answer.status_code != 503:
             break
         assert int(answer.headers["retry-after"]) > 0
-        time.sleep(0.2)  # what the answer asks for, in short
+        time.sleep(0.2)  # Retry-After, cut short: a client has nothing else to wait for
     assert answer.status_code == 200, answer.text
     return answer.json()
 

@@ -13,6 +13,7 @@ from random import Random
 
 import httpx
 
+from fleetledger.listening import free_port
 from ledger.scan import read_folder
 from tests.fleetledger.server import Server, serving, small_scene
 from tests.laws.test_kill import Clients
@@ -43,14 +44,9 @@ def running(folder: Path, name: str, *arguments: str) -> Iterator[tuple[subproce
         process.wait()
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def seen(printed: Path) -> list[tuple[int, str]]:
-    lines = [line.split() for line in printed.read_text().splitlines()]
+    whole, _, _ = printed.read_text().rpartition("\n")  # the last line is perhaps being written
+    lines = [line.split() for line in whole.splitlines()]
     return [(int(position), kind) for position, kind in lines]
 
 

@@ -24,6 +24,15 @@ from ledger.telemetry_format import files
 from tests.ledger.driving import SCENE, T0, drive, plan, report
 
 
+def blank(folder: Path, cut: int, length: int) -> None:
+    """Make some bytes of the one file zeros."""
+    [(_, path)] = files(folder)
+    content = bytearray(path.read_bytes())
+    at = 8 + cut % (len(content) - 8)
+    content[at : at + length] = bytes(min(length, len(content) - at))
+    path.write_bytes(content)
+
+
 @given(cut=st.integers(0, 1 << 20), flip=st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_a_torn_or_damaged_file_reads_as_far_as_it_is_whole(cut: int, flip: bool) -> None:
@@ -57,11 +66,7 @@ def test_steps_are_not_counted_over_a_batch_that_is_missing(cut: int, length: in
             log.write(reports)
             said.update({(r.robot, r.at_ms): r for r in reports})
         log.close()
-        [(_, path)] = files(folder)
-        content = bytearray(path.read_bytes())
-        at = 8 + cut % (len(content) - 8)
-        content[at : at + length] = bytes(min(length, len(content) - at))
-        path.write_bytes(content)
+        blank(folder, cut, length)
         for found in read_telemetry(folder, SCENE, T0, T0 + 60_000):
             assert found == said[found.robot, found.at_ms]
         for second in range(13):
@@ -81,11 +86,7 @@ def test_damage_costs_plans_and_never_gives_wrong_ones(cut: int, length: int) ->
             log.write_plans(plans)
             said.update({(p.robot, p.at_ms): p for p in plans})
         log.close()
-        [(_, path)] = files(folder)
-        content = bytearray(path.read_bytes())
-        at = 8 + cut % (len(content) - 8)
-        content[at : at + length] = bytes(min(length, len(content) - at))
-        path.write_bytes(content)
+        blank(folder, cut, length)
         for found in read_plans(folder, SCENE, T0, T0 + 60_000):
             assert found == said[found.robot, found.at_ms]
         for second in range(13):
