@@ -5,6 +5,7 @@ import contextlib
 import sys
 from collections.abc import Callable
 from itertools import count
+from typing import NamedTuple
 
 import structlog
 
@@ -18,7 +19,7 @@ from fleetledger.analyst_frames import (
     head,
     written,
 )
-from fleetledger.analyst_role import CATCH_UP_S_MAX, STATEMENTS_MAX
+from fleetledger.analyst_role import CATCH_UP_S_MAX, RETIRED, STATEMENTS_MAX
 from fleetledger.config import Settings
 from fleetledger.http import Later
 from ledger.errors import Refused
@@ -44,6 +45,13 @@ class SqlTooSlow(Refused):
     status = 504
 
 
+class _Waiting(NamedTuple):
+    """A statement on its way, and which process has it; None until it is sent."""
+
+    future: "asyncio.Future[Answered]"
+    process: asyncio.subprocess.Process | None = None
+
+
 class Analyst:
     """Answers statements; all of it runs on the event loop."""
 
@@ -52,7 +60,7 @@ class Analyst:
         self._data, self._position = settings.data, position
         self._seconds_max, self._memory_mb = settings.sql_seconds, settings.sql_memory_mb
         self._numbers = count(1)
-        self._waiting: dict[int, asyncio.Future[Answered]] = {}
+        self._waiting: dict[int, _Waiting] = {}
         self._starting = asyncio.Lock()
         self._process: asyncio.subprocess.Process | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -64,26 +72,28 @@ class Analyst:
             raise SqlBusy("errSqlBusy", words, RETRY_S)
         number = next(self._numbers)
         future: asyncio.Future[Answered] = asyncio.get_running_loop().create_future()
-        self._waiting[number] = future
-        sent = False
+        self._waiting[number] = _Waiting(future)
+        process = None
         try:
             process = await self._started()
+            self._waiting[number] = _Waiting(future, process)
             position = self._position()
-            self._send(Asked(number=number, sql=sql, rows_max=rows_max, position=position))
-            sent = True
+            asked = Asked(number=number, sql=sql, rows_max=rows_max, position=position)
+            self._send(process, asked)
             until_s = self._seconds_max + CATCH_UP_S_MAX + START_S + GRACE_S
             async with asyncio.timeout(until_s):
                 return await asyncio.shield(future)
         except TimeoutError:
             log.warning("statement did not end", seconds=until_s)
+            assert process is not None
             self._kill(process)
             words = f"The statement took longer than {self._seconds_max:g} s, and was killed."
             raise SqlTooSlow("errSqlTooSlow", words, self._seconds_max) from None
         except asyncio.CancelledError:
-            if sent and not future.done() and self._process is not None:
-                self._send(Dropped(number=number))
+            if process is not None and not future.done():
+                self._send(process, Dropped(number=number))
                 loop = asyncio.get_running_loop()
-                loop.call_later(GRACE_S, self._unheard, number, self._process)
+                loop.call_later(GRACE_S, self._unheard, number, process)
                 future.add_done_callback(_seen)
                 number = 0  # its place is free once it has really ended
             raise
@@ -113,18 +123,18 @@ class Analyst:
                 ]
             return self._process
 
-    def _send(self, message: ToAnalyst) -> None:
-        if self._process is not None and self._process.stdin is not None:
-            self._process.stdin.write(written(message))
+    def _send(self, process: asyncio.subprocess.Process, message: ToAnalyst) -> None:
+        assert process.stdin is not None
+        process.stdin.write(written(message))
 
     async def _feed(self, process: asyncio.subprocess.Process) -> None:
         """Have the tables grow while nobody asks, so that whoever asks next need not wait."""
         told = 0
         while self._process is process:
             await asyncio.sleep(FOLLOW_S)
-            if self._position() > told:
+            if self._process is process and self._position() > told:
                 told = self._position()
-                self._send(Grown(position=told))
+                self._send(process, Grown(position=told))
 
     async def _listen(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdout is not None
@@ -133,20 +143,21 @@ class Analyst:
                 raw = await process.stdout.readexactly(HEAD_BYTES)
                 number, status, position, length = head(raw)
                 body = await process.stdout.readexactly(length)
-                future = self._waiting.get(number)
-                if future is not None:
+                if number in self._waiting:
                     answered = Answered(number=number, status=status, position=position, body=body)
                     self._settle(number, answered)
         code = await process.wait()
+        lost = [number for number, one in self._waiting.items() if one.process is process]
         if self._process is process:  # nobody told it to
             self._process = None
-            log.error("analyst ended", exit_code=code, statements=len(self._waiting))
-        alone = len(self._waiting) == 1
-        for number in tuple(self._waiting):
+            if code != RETIRED:
+                log.error("analyst ended", exit_code=code, statements=len(lost))
+        alone = len(lost) == 1 and code != RETIRED
+        for number in lost:
             self._settle(number, _broken(self._memory_mb) if alone else _restarted())
 
     def _settle(self, number: int, outcome: Answered | Refused) -> None:
-        future = self._waiting.pop(number)
+        future = self._waiting.pop(number).future
         if future.done():
             return
         if isinstance(outcome, Refused):
@@ -155,6 +166,8 @@ class Analyst:
             future.set_result(outcome)
 
     def _kill(self, process: asyncio.subprocess.Process) -> None:
+        if self._process is process:  # who asks next gets another
+            self._process = None
         with contextlib.suppress(ProcessLookupError):
             process.kill()
 

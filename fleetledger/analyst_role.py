@@ -30,8 +30,9 @@ from projections.sql import FILE, Breaker, SqlAnswer, ask
 NICE = 10  # commands and other queries go first
 STATEMENTS_MAX = 2  # at once
 CATCH_UP_S_MAX = 5.0  # a statement waits so long for the tables; then its caller comes again
+WRITING_BYTES = 135_000_000  # that DuckDB maps with its first rows (measured), and hardly uses
 BYTES_MAX = 16_000_000  # of an answer
-FAILED = 4  # exit code
+FAILED, RETIRED = 4, 5  # exit codes
 
 log = structlog.get_logger()
 
@@ -55,6 +56,7 @@ class AnalystRole:
         self._moved = Condition()
         self._wanted, self._reached = 0, 0
         self._stopped = False
+        self._bytes_idle = 0  # what the process has when no statement runs
         self._analytics: Analytics | None = None
         self._running: dict[int, Breaker] = {}
         self._pending: set[int] = set()  # asked, and not answered
@@ -89,9 +91,12 @@ class AnalystRole:
             return
         spill = self._data / "analytics.spill"
         shutil.rmtree(spill, ignore_errors=True)  # what a process that was killed has left
-        self._analytics = Analytics.open(
+        analytics = Analytics.open(
             self._data / FILE, self._read, self._fleet_at, newest, self._memory_mb // 2, spill
         )
+        self._bytes_idle = _data_bytes() + WRITING_BYTES
+        _limit_memory(self._bytes_idle + self._memory_mb * 1_000_000)
+        self._analytics = analytics
         while True:
             self._tell(self._analytics.position)
             with self._moved:
@@ -136,8 +141,11 @@ class AnalystRole:
         with self._moved:
             self._pending.discard(asked.number)
             self._dropped.discard(asked.number)
+            idle = not self._pending
         answered = Answered(number=asked.number, status=status, position=position, body=body)
         self._send(answer(answered))
+        if idle and _data_bytes() > self._bytes_idle + self._memory_mb * 1_000_000 // 2:
+            os._exit(RETIRED)  # what a statement left behind would be missing to the next
 
     def _ask(self, asked: Asked) -> SqlAnswer:
         with self._moved:
@@ -174,7 +182,6 @@ def run_analyst(data: Path, seconds_max: float, memory_mb: int) -> None:
     """Be the analyst's process; ends when standard input closes."""
     configure(process="analyst", as_json=not sys.stderr.isatty())
     os.nice(NICE)
-    _limit_memory(memory_mb)
     out, lock = sys.stdout.buffer, Lock()
 
     def send(answered: bytes) -> None:
@@ -197,12 +204,16 @@ def _follow(role: AnalystRole) -> None:
         os._exit(FAILED)
 
 
-def _limit_memory(memory_mb: int) -> None:
-    """Have the system refuse memory beyond what the process has now and this."""
+def _data_bytes() -> int:
+    """Give how much memory for data the process has; 0 where the system does not tell."""
     status = Path("/proc/self/status")
     if not status.exists():  # not Linux: DuckDB's own limit is left
-        return
+        return 0
     fields = dict(line.split(":", 1) for line in status.read_text().splitlines() if ":" in line)
-    now_bytes = int(fields["VmData"].split()[0]) * 1024
-    limit = now_bytes + memory_mb * 1_000_000
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    return int(fields["VmData"].split()[0]) * 1024
+
+
+def _limit_memory(limit_bytes: int) -> None:
+    """Have the system refuse memory beyond it."""
+    if _data_bytes():
+        resource.setrlimit(resource.RLIMIT_DATA, (limit_bytes, limit_bytes))
