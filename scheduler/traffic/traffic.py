@@ -16,9 +16,9 @@ from scheduler.traffic.claims import Claims
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE, Costs
 from scheduler.traffic.doors import DoorNow, Doors
+from scheduler.traffic.execution import Execution
 from scheduler.traffic.grants import Grants
-from scheduler.traffic.pibt import World, propose, room
-from scheduler.traffic.routes import Builder, Leg
+from scheduler.traffic.pibt import World, propose
 from scheduler.traffic.shown import Shown
 from scheduler.traffic.track import Track
 from scheduler.traffic.wishes import agents, held_otherwise, overlay, relocate
@@ -51,16 +51,12 @@ class Traffic:
         }
         self._reserved = Claims(self.roadmap, self.grants, self._costs)
         self._doors = Doors(self.roadmap, self.grants, self._costs)
-        self._tracks: dict[RobotName, Track] = {}  # by name, ascending
-        self._commit_last = 0
-        self._commit_first = 0  # ways to a first stop come before all that is committed
+        self._execution = Execution(self.roadmap, self.grants, self._admission, self._reserved)
         self._goals: Mapping[RobotName, Goal] = {}
         self._fixed: frozenset[RobotName] = frozenset()
         self._dirty = True
-        self._freed = False
         self._plan_ms = 0
         self._quiet_ms = 10 * REPLAN_MS  # the longest time between two plannings
-        self._touched: set[RobotName] = set()
         self._resend_ms = 0
         self._shown = Shown(scene, self.roadmap, self.grants)
 
@@ -72,6 +68,10 @@ class Traffic:
         self._admission.path_m = path_distance_m
         self._quiet_ms = plan_interval_ms
         self._plan_ms = 0  # what is due by the new interval is done at once
+
+    @property
+    def _tracks(self) -> dict[RobotName, Track]:
+        return self._execution.tracks
 
     # -- robots come, report, and go
 
@@ -86,7 +86,7 @@ class Traffic:
             limits=self.roadmap.groups[group].kinematics,
             costs=self._costs[group],
         )
-        self._tracks = dict(sorted(self._tracks.items()))
+        self._execution.tracks = dict(sorted(self._tracks.items()))
         self._dirty = True
 
     def remove(self, robot: RobotName) -> None:
@@ -95,7 +95,7 @@ class Traffic:
         if track is not None:
             track.let_go(self.grants)
             self._admission.entries.pop(robot, None)
-            self._dirty = self._freed = True
+            self._dirty = self._execution.freed = True
 
     def lost(self, robot: RobotName) -> None:
         """It does not answer: it keeps all ground it has, and cannot be pushed."""
@@ -113,33 +113,31 @@ class Traffic:
             track.lost, self._dirty = False, True
         track.report = report
         if not track.placed:
-            self._admission.receive(track, report, self._taken(track))
+            self._admission.receive(track, report, self._execution.taken(track))
             self._news(track)
         elif track.trouble == OLD_ROUTE:
-            self._admission.wait_on_old_route(track, report, self._taken(track))
+            self._admission.wait_on_old_route(track, report, self._execution.taken(track))
             self._dirty = True
         elif report.session == track.session:
             self._progress(track, report)
         elif track.confirmed or report.session != track.session_before:
             # It has forgotten its route: it started anew, and stands where it reports to be.
             track.let_go(self.grants)
-            self._admission.put(track, report, self._taken(track), keep_session=False)
+            self._admission.put(track, report, self._execution.taken(track), keep_session=False)
             self._news(track)
         else:
             self._drift(track, report)
 
     def _news(self, track: Track) -> None:
         """A robot has been placed anew; numbers go on behind those it brought along."""
-        numbers = [slot.commit for slot in (*track.owned, *track.promised)]
-        self._commit_last = max([self._commit_last, *numbers])
-        self._commit_first = min([self._commit_first, *numbers])
-        self._dirty = self._freed = True
-        self._touched.add(track.name)
+        self._execution.adopt_numbers(track)
+        self._dirty = self._execution.freed = True
+        self._execution.touched.add(track.name)
 
     def _progress(self, track: Track, report: Report) -> None:
         track.advance(report)
         if track.release(self.grants):
-            self._freed = True
+            self._execution.freed = True
         state = track.near, track.driven and track.standing
         if state != track.state:
             track.state = state
@@ -155,15 +153,8 @@ class Traffic:
             off = max(abs(point.x_m - report.x_m), abs(point.y_m - report.y_m))
             if off <= 2 * max(self._admission.within_m, 0.1):
                 return
-        if self._admission.moved(track, report, self._taken(track)):
+        if self._admission.moved(track, report, self._execution.taken(track)):
             self._news(track)
-
-    def _taken(self, track: Track) -> int:
-        bits = 0
-        for other in self._tracks.values():
-            if other.place is not None and other is not track:
-                bits |= 1 << other.place
-        return bits
 
     # -- ground reserved by others
 
@@ -174,12 +165,12 @@ class Traffic:
         for it was granted before we started.
         """
         self._reserved.add(id_, owner, rings, owned=owned)
-        self._dirty = self._freed = True
+        self._dirty = self._execution.freed = True
 
     def unclaim(self, id_: str) -> None:
         """Let robots go there again."""
         self._reserved.drop(id_)
-        self._dirty = self._freed = True
+        self._dirty = self._execution.freed = True
 
     def claimed(self, id_: str) -> bool:
         """Is the ground free of robots, and will it stay so until it is given back."""
@@ -194,7 +185,7 @@ class Traffic:
     def follow_doors(self, now: Mapping[int, DoorNow]) -> None:
         """Take in how the doors are: who may pass, and which ways are to be avoided."""
         changed, ways = self._doors.follow(now)
-        self._freed = self._freed or changed
+        self._execution.freed = self._execution.freed or changed
         if ways:
             self._dirty = True
             self._reserved.ways_changed()
@@ -265,12 +256,12 @@ class Traffic:
         if not self.ready:
             return messages
         self._wish(now_ms, goals, busy)
-        if self._freed:
-            self._acquire()
+        if self._execution.freed:
+            self._execution.acquire(self._doors.shut)
         if self._dirty or now_ms >= self._plan_ms:
             self._dirty = False
             self._plan(now_ms)
-            self._acquire()
+            self._execution.acquire(self._doors.shut)
         return messages + self._tell(now_ms)
 
     def _wish(self, now_ms: int, goals: Mapping[RobotName, Goal], busy: Set[RobotName]) -> None:
@@ -290,22 +281,8 @@ class Traffic:
             elif track.arrived_ms is None:
                 track.arrived_ms = now_ms
 
-    def _acquire(self) -> None:
-        """Grant ground in commit order, until nothing more comes free by it."""
-        self._freed = False
-        waiting = [t for t in self._tracks.values() if t.promised and not t.lost]
-        waiting.sort(key=lambda track: (track.promised[0].commit, track.name))
-        again = True
-        while again:
-            again = False
-            for track in waiting:
-                if track.acquire(self.grants, self._doors.shut):
-                    self._touched.add(track.name)
-                    again = track.release(self.grants) or again
-        self._reserved.acquire()
-
     def _plan(self, now_ms: int) -> None:
-        self._enter()
+        self._execution.enter(self._fixed)
         tracks = list(self._tracks.values())
         if self._reserved or self._doors.closed_moves:
             self._reserved.direct(tracks)
@@ -319,65 +296,13 @@ class Traffic:
             agents=agents(roadmap, tracks, ranks, self._fixed, now_ms),
         )
         overlay(world, held_otherwise(tracks, self.grants))
-        positions = 0
-        for track in tracks:
-            if track.place is not None:
-                positions |= 1 << track.place
-        for name, moves in propose(world):
-            track = self._tracks[RobotName(name)]
-            assert track.place is not None
-            here = 1 << track.place
-            goal = track.aim
-            need = room(world, track.place, track.heading_rad, moves, goal) & ~here
-            if track.near and not need & positions:
-                self._commit(track, moves, goal)
-                positions = positions & ~here | 1 << track.place
+        self._execution.admit(world, propose(world))
         waits = any((t.goal, t.relocation) not in ((t.place, None), (None, None)) for t in tracks)
         waits = waits or bool(self._admission.entries)
         self._plan_ms = now_ms + (min(REPLAN_MS, self._quiet_ms) if waits else self._quiet_ms)
 
-    def _enter(self) -> None:
-        """Send robots that were found between stops to the nearest stop that is free."""
-        for name in sorted(self._admission.entries):
-            track = self._tracks[RobotName(name)]
-            taken = self._taken(track)
-            if track.lost or name in self._fixed:
-                continue
-            for entry in self._admission.entries[name]:
-                if not entry.need & taken and not self._reserved.bars_entry(track, entry):
-                    self._commit_first -= 1
-                    self._admission.enter(track, entry, self._commit_first)
-                    self._touched.add(track.name)
-                    break
-
-    def _commit(self, track: Track, moves: tuple[int, ...], goal: int | None) -> None:
-        """Append moves to a route, each under the next number; () is the turn that a goal asks."""
-        assert track.place is not None
-        roadmap, place = self.roadmap, track.place
-        point = roadmap.places.point[place]
-        build = Builder(roadmap, track.footprint, point, track.heading_rad, track.piece_next)
-        for move in moves:
-            self._commit_last += 1
-            build.drive([Leg(path=k) for k in roadmap.moves.paths[move]], move, self._commit_last)
-            place = roadmap.moves.end[move]
-        demanded = roadmap.net.points[roadmap.places.point[place]].heading_rad
-        if place == goal and roadmap.turning[place] and demanded is not None:
-            if not moves:
-                self._commit_last += 1
-            build.turn(demanded, moves[-1] if moves else -1, self._commit_last)
-        if not build.pieces:
-            return
-        build.rest()
-        if self._reserved and self._reserved.bars(track, (slot.cell for slot in build.slots)):
-            return  # the planner does not propose it; what is reserved must not hang on that
-        track.place = place
-        track.extend(build.pieces, build.slots, self.grants)
-        track.heading_rad, track.state = build.heading_rad, (track.near, False)
-        track.arrived_ms = None
-        self._touched.add(track.name)
-
     def _tell(self, now_ms: int) -> list[Drive | TellRoute]:
-        names: Set[RobotName] = self._touched
+        names: Set[RobotName] = self._execution.touched
         if now_ms >= self._resend_ms:
             self._resend_ms = now_ms + REPLAN_MS
             names = self._tracks.keys()
@@ -387,7 +312,7 @@ class Traffic:
             message = track.drive(now_ms) if track is not None and not track.lost else None
             if message is not None:
                 told.append(message)
-        self._touched.clear()
+        self._execution.touched.clear()
         return list(told)
 
     def plans(self, now_ms: int) -> list[Plan]:

@@ -1,0 +1,119 @@
+"""The execution layer under every planner: moves are committed, and their ground is granted.
+
+Planners only propose an order of moves. A move is committed when no other robot's committed moves
+end where it needs room, and from then on its ground is granted cell by cell, in commit order.
+"""
+
+from collections.abc import Iterable
+
+from ledger.ids import RobotName
+from scheduler.traffic.admission import Admission
+from scheduler.traffic.claims import Claims
+from scheduler.traffic.grants import Grants
+from scheduler.traffic.pibt import World, room
+from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.routes import Builder, Leg
+from scheduler.traffic.track import Shut, Track
+
+
+class Execution:
+    """Numbers commits and gives out ground; the robots it knows are those of `tracks`."""
+
+    def __init__(
+        self, roadmap: Roadmap, grants: Grants, admission: Admission, reserved: Claims
+    ) -> None:
+        """Take the tables of one area."""
+        self._roadmap, self._grants = roadmap, grants
+        self._admission, self._reserved = admission, reserved
+        self._last = 0
+        self._first = 0  # ways to a first stop come before all that is committed
+        self.tracks: dict[RobotName, Track] = {}  # by name, ascending
+        self.touched: set[RobotName] = set()  # there is something to tell them
+        self.freed = False  # ground, since the last `acquire`
+
+    def adopt_numbers(self, track: Track) -> None:
+        """Go on behind the numbers that a robot has brought along from before our start."""
+        numbers = [slot.commit for slot in (*track.owned, *track.promised)]
+        self._last = max([self._last, *numbers])
+        self._first = min([self._first, *numbers])
+
+    def taken(self, track: Track) -> int:
+        """Bits of the places of all others."""
+        bits = 0
+        for other in self.tracks.values():
+            if other.place is not None and other is not track:
+                bits |= 1 << other.place
+        return bits
+
+    def acquire(self, shut: Shut) -> None:
+        """Grant ground in commit order, until nothing more comes free by it."""
+        self.freed = False
+        waiting = [t for t in self.tracks.values() if t.promised and not t.lost]
+        waiting.sort(key=lambda track: (track.promised[0].commit, track.name))
+        again = True
+        while again:
+            again = False
+            for track in waiting:
+                if track.acquire(self._grants, shut):
+                    self.touched.add(track.name)
+                    again = track.release(self._grants) or again
+        self._reserved.acquire()
+
+    def enter(self, still: Iterable[RobotName]) -> None:
+        """Send robots that were found between stops to the nearest stop that is free; not those
+        that are to stand still.
+        """
+        fixed = frozenset(still)
+        for name in sorted(self._admission.entries):
+            track = self.tracks[RobotName(name)]
+            if track.lost or name in fixed:
+                continue
+            taken = self.taken(track)
+            for entry in self._admission.entries[name]:
+                if not entry.need & taken and not self._reserved.bars_entry(track, entry):
+                    self._first -= 1
+                    self._admission.enter(track, entry, self._first)
+                    self.touched.add(track.name)
+                    break
+
+    def admit(self, world: World, proposed: Iterable[tuple[str, tuple[int, ...]]]) -> None:
+        """Commit what can be now of what a planner has proposed for this world, in its order."""
+        positions = 0
+        for track in self.tracks.values():
+            if track.place is not None:
+                positions |= 1 << track.place
+        for name, moves in proposed:
+            track = self.tracks[RobotName(name)]
+            assert track.place is not None
+            here = 1 << track.place
+            goal = track.aim
+            need = room(world, track.place, track.heading_rad, moves, goal) & ~here
+            if track.near and not need & positions:
+                self._commit(track, moves, goal)
+                positions = positions & ~here | 1 << track.place
+
+    def _commit(self, track: Track, moves: tuple[int, ...], goal: int | None) -> None:
+        """Append moves to a route, each under the next number; () is the turn that a goal asks."""
+        assert track.place is not None
+        roadmap, place = self._roadmap, track.place
+        point = roadmap.places.point[place]
+        build = Builder(roadmap, track.footprint, point, track.heading_rad, track.piece_next)
+        for move in moves:
+            self._last += 1
+            build.drive([Leg(path=k) for k in roadmap.moves.paths[move]], move, self._last)
+            place = roadmap.moves.end[move]
+        demanded = roadmap.net.points[roadmap.places.point[place]].heading_rad
+        if place == goal and roadmap.turning[place] and demanded is not None:
+            if not moves:
+                self._last += 1
+            build.turn(demanded, moves[-1] if moves else -1, self._last)
+        if not build.pieces:
+            return
+        build.rest()
+        if self._reserved and self._reserved.bars(track, (slot.cell for slot in build.slots)):
+            return  # the planner does not propose it; what is reserved must not hang on that
+        track.place = place
+        track.extend(build.pieces, build.slots, self._grants)
+        track.heading_rad, track.state = build.heading_rad, (track.near, False)
+        track.arrived_ms = None
+        self.touched.add(track.name)
