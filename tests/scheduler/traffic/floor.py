@@ -8,6 +8,7 @@ import random
 from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import cast
 
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Mark, Piece, Report, TellRoute
@@ -15,9 +16,14 @@ from ledger.scene import XY, Area, Group
 from scheduler.goal import Goal
 from scheduler.traffic.judge import body, collisions, double_grants, outside
 from scheduler.traffic.traffic import Traffic
+from tests.scheduler.traffic.free_flow import FreeFlow
 
 SCENE = SceneId("0123456789abcdef01234567")
 DT_S = 0.1
+LATE_S = 6.0  # mean of a delay, exponential
+NEWS_MS = 500  # a robot of which there is nothing new reports this often
+PROGRESS_MS = 1_000  # progress of orders is looked at this often
+NEARER_S = 0.1  # this much less to its goal is progress
 
 
 def wrap(angle: float) -> float:
@@ -71,6 +77,9 @@ class Robot:
         self.tells = False
         self.curve: tuple[int, Curve] | None = None
         self.turn_from = 0.0
+        self.commit = 0  # of the piece it is on
+        self.news: object = None  # what it reported last …
+        self.news_ms = 0  # … and when
 
     def tell(self, message: Drive | TellRoute) -> None:
         if isinstance(message, TellRoute):
@@ -139,6 +148,7 @@ class Robot:
                 along = piece.length_m
                 break
             along, piece = max(along - piece.length_m, 0.0), after
+            self._be_late(piece, chance, late)
         self.progress = Mark(piece=piece.number, along_m=along)
         if self.curve is None or self.curve[0] != piece.number:
             self.curve = (piece.number, Curve(piece))
@@ -152,8 +162,23 @@ class Robot:
         if done and after is not None and self.authority.piece >= after.number:
             self.progress = Mark(piece=after.number)
             self.turn_from = self.heading
+            self._be_late(after, chance, late)
+
+    def _be_late(self, piece: Piece, chance: random.Random, late: float) -> None:
+        """A share of the moves is late: of moves, not of pieces, whose number is the map's."""
+        if piece.commit != self.commit:
+            self.commit = piece.commit
             if late and chance.random() < late:
-                self.frozen_s = chance.expovariate(1 / 6.0)
+                self.frozen_s = chance.expovariate(1 / LATE_S)
+
+    def report_news(self, at_ms: int, area: int) -> Report | None:
+        """A report, if there is something new: most robots of a jam have nothing to say."""
+        pose = self.x, self.y, self.heading, self.speed
+        news = (*pose, self.session, self.progress, self.authority, self.tells)
+        if news == self.news and at_ms - self.news_ms < NEWS_MS:
+            return None
+        self.news, self.news_ms = news, at_ms
+        return self.report(at_ms, area)
 
     def report(self, at_ms: int, area: int) -> Report:
         self.number += 1
@@ -192,11 +217,16 @@ class Floor:
         service_s: float = 5.0,
         group_of: Mapping[str, int] | None = None,
         lane_of: Mapping[PointName, str] | None = None,
+        lane_max: int = 2,
+        free_flow: bool = False,
     ) -> None:
+        """`lane_of`: dispatch sends no more than `lane_max` orders at a time into one of these;
+        `free_flow`: the control, robots that pass through each other.
+        """
         self.area, self.groups = area, groups
         self.chance = random.Random(seed)
         self.goal_points, self.late, self.service_s = goals, late, service_s
-        self.lane_of = dict(lane_of or {})  # dispatch sends no third order into one of these
+        self.lane_of, self.lane_max = dict(lane_of or {}), lane_max
         self.points = {point.name: point for point in area.points}
         self.now_ms = 1_000_000
         self.robots: dict[RobotName, Robot] = {}
@@ -216,9 +246,15 @@ class Floor:
         self.moved_ms: dict[RobotName, int] = dict.fromkeys(self.robots, self.now_ms)
         self.still_ms = 0  # longest that a robot with an order stood still, without a fault
         self.idle: set[RobotName] = set()
-        self.traffic = self.fresh_traffic()
+        self.best: dict[RobotName, tuple[Goal, float, int]] = {}  # nearest to the goal, and when
+        self.unserved_ms = 0  # longest that an order came no nearer to its goal, whatever the cause
+        self.begun_ms, self.begun_done = self.now_ms, 0  # of the measurement
+        self.starts, self.free_flow = starts, free_flow
+        self.traffic: Traffic = self.fresh_traffic()
 
     def fresh_traffic(self) -> Traffic:
+        if self.free_flow:
+            return cast(Traffic, FreeFlow(self.area, self.groups, self.starts, self.group_of))
         traffic = Traffic(SCENE, self.area, self.groups)
         for name in self.robots:
             traffic.add(name, self.group_of[name])
@@ -245,7 +281,7 @@ class Floor:
                 taken = {other.point for other in self.goals.values()}
                 full = Counter(self.lane_of[p] for p in taken if p in self.lane_of)
                 free = [p for p in self.goal_points if p not in taken]
-                free = [p for p in free if full.get(self.lane_of.get(p, ""), 0) < 2]
+                free = [p for p in free if full.get(self.lane_of.get(p, ""), 0) < self.lane_max]
                 if not free:
                     continue
                 point = self.chance.choice(free)
@@ -259,8 +295,8 @@ class Floor:
             robot.step(DT_S, self.chance, self.late)
             if robot.speed or robot.frozen_s > 0 or robot.progress != before:
                 self.moved_ms[robot.name] = self.now_ms
-            report = robot.report(self.now_ms, self.area.id)
-            if self.chance.random() >= report_loss:
+            report = robot.report_news(self.now_ms, self.area.id)
+            if report is not None and not (report_loss and self.chance.random() < report_loss):
                 self.traffic.observe(report)
         self._orders()
         for message in self.traffic.step(self.now_ms, self.goals, self.busy.keys()):
@@ -269,6 +305,29 @@ class Floor:
             self.still_ms = max(self.still_ms, self.now_ms - self.moved_ms[name])
         for name in self.goals:
             self.longest_ms = max(self.longest_ms, self.now_ms - self.last_done[name])
+        if self.now_ms % PROGRESS_MS == 0:
+            self._look_at_progress()
+
+    def _look_at_progress(self) -> None:
+        """By what is left to the goal from the end of the committed moves."""
+        for name, goal in self.goals.items():
+            known, least_s, at_ms = self.best.get(name, (None, 0.0, 0))
+            left_s = self.traffic.cost_s(name, goal.point)
+            if goal is not known or name in self.busy or left_s < least_s - NEARER_S:
+                self.best[name] = goal, left_s, self.now_ms
+            else:
+                self.unserved_ms = max(self.unserved_ms, self.now_ms - at_ms)
+
+    def begin(self) -> None:
+        """Measure from now on: the robots are spread as they will stay."""
+        self.begun_ms, self.begun_done = self.now_ms, sum(self.done.values())
+        self.longest_ms = self.still_ms = self.unserved_ms = 0
+        self.best.clear()
+
+    def orders_per_h(self) -> float:
+        """Since `begin`."""
+        hours = (self.now_ms - self.begun_ms) / 3_600_000
+        return (sum(self.done.values()) - self.begun_done) / hours
 
     def bodies(self):
         return {r.name: body(r.group.footprint, r.x, r.y, r.heading) for r in self.robots.values()}
