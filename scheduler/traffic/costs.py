@@ -1,9 +1,10 @@
 """What it costs to drive on from a place: rows per goal over (place, heading of arrival)."""
 
 import copy
+from array import array
 from collections import Counter, OrderedDict
-from collections.abc import Set
-from typing import Any
+from collections.abc import Sequence, Set
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -20,6 +21,22 @@ ROWS_MAX = 4096  # rows kept; 10 000 states make 80 kB each
 WAYS_MAX = 50_000  # lists of ways kept, some 300 bytes each
 _Array = npt.NDArray[Any]
 INFINITE = float("inf")
+
+# A move as seen from a place and a heading: its seconds with the turn before it, the move, its end,
+# the state in which it arrives there, and the other places that must be empty.
+Departure: TypeAlias = tuple[float, int, int, int, tuple[int, ...]]
+# The same on the way to a goal: seconds to the goal, the move, its end, the places.
+Way: TypeAlias = tuple[float, int, int, tuple[int, ...]]
+
+
+def places_in(bits: int) -> tuple[int, ...]:
+    """The places of these bits, ascending."""
+    found = []
+    while bits:
+        low = bits & -bits
+        found.append(low.bit_length() - 1)
+        bits ^= low
+    return tuple(found)
 
 
 class Edges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -92,8 +109,9 @@ class Costs:
         self.trap = [
             outside and moves.start[move] in home for move, outside in enumerate(self.outside)
         ]
-        self._kept: OrderedDict[int, list[float]] = OrderedDict()
-        self._ways: dict[tuple[int, float, int], list[tuple[float, int]]] = {}
+        self._kept: OrderedDict[int, Sequence[float]] = OrderedDict()
+        self._departures: dict[tuple[int, float], list[Departure]] = {}
+        self._ways: dict[tuple[int, float, int], list[Way]] = {}
 
     def _all_edges(self, place_of: list[int], heading_of: list[float]) -> Edges:
         roadmap, moves = self.roadmap, self.roadmap.moves
@@ -143,13 +161,13 @@ class Costs:
             return INFINITE
         return self.roadmap.turn_cost_s(angle, self.limits)
 
-    def row(self, goal: int) -> list[float]:
+    def row(self, goal: int) -> Sequence[float]:
         """Seconds from each state to a place; infinite if there is no way."""
         row = self._kept.get(goal)
         if row is None:
             source = np.array([self._goal + goal])
             found = dijkstra(self._reversed, directed=True, indices=source)[0]
-            row = found[: self._goal].tolist()
+            row = array("d", found[: self._goal].tobytes())  # a list takes four times the memory
             self._kept[goal] = row
             if len(self._kept) > ROWS_MAX:
                 self._kept.popitem(last=False)
@@ -176,11 +194,15 @@ class Costs:
         """Seconds from a place and heading to a goal."""
         if place == goal:
             return self._final_s(place, heading_rad)
-        ways = self.ways(place, heading_rad, goal)
+        ways = self.candidates(place, heading_rad, goal)
         return min(ways)[0] if ways else INFINITE
 
     def ways(self, place: int, heading_rad: float, goal: int) -> list[tuple[float, int]]:
-        """Moves that lead to a goal, each with the seconds to it; only to be read.
+        """Moves that lead to a goal, each with the seconds to it."""
+        return [(way[0], way[1]) for way in self.candidates(place, heading_rad, goal)]
+
+    def candidates(self, place: int, heading_rad: float, goal: int) -> list[Way]:
+        """Ways to a goal by their first moves, with what these need; only to be read.
 
         Robots that plan again and again from where they are ask the same: kept, for it costs more
         to find than all the rest of a planning step (measured).
@@ -188,15 +210,49 @@ class Costs:
         key = (place, heading_rad, goal)
         ways = self._ways.get(key)
         if ways is None:
-            onward = (
-                (self.onward_s(place, heading_rad, move, goal), move)
-                for move in self.roadmap.leaving[place]
-            )
-            ways = [way for way in onward if way[0] < INFINITE]
+            row, stops, ways = self.row(goal), self.roadmap.places.stops, []
+            for seconds, move, end, state, needs in self.departures(place, heading_rad):
+                if end == goal:
+                    onward, needs = self.arrival_s(move), self._arriving(move, place, needs)
+                else:
+                    onward = row[state] if end < stops else INFINITE
+                if onward < INFINITE:
+                    ways.append((seconds + onward, move, end, needs))
             if len(self._ways) >= WAYS_MAX:
                 self._ways.clear()
             self._ways[key] = ways
         return ways
+
+    def departures(self, place: int, heading_rad: float) -> list[Departure]:
+        """Moves that can be driven from a place, turning there first if need be; only to be read.
+        Kept: there are as many as states.
+        """
+        key = (place, heading_rad)
+        found = self._departures.get(key)
+        if found is None:
+            found, moves, here = [], self.roadmap.moves, 1 << place
+            for move in self.roadmap.leaving[place]:
+                turn = self.departure_s(place, heading_rad, move)
+                if turn == INFINITE or move in self.closed_moves:
+                    continue
+                need = moves.need[move]
+                if turn_rad(heading_rad, self.roadmap.heading_start[move]):
+                    need |= self.roadmap.places.turning[place]
+                needs = places_in(need & ~here)
+                seconds = turn + self.move_s[move]
+                found.append((seconds, move, moves.end[move], self.state[move], needs))
+            if len(self._departures) >= WAYS_MAX:
+                self._departures.clear()
+            self._departures[key] = found
+        return found
+
+    def _arriving(self, move: int, place: int, needs: tuple[int, ...]) -> tuple[int, ...]:
+        """What a move needs whose end is the goal: the turn that this demands included."""
+        end = self.roadmap.moves.end[move]
+        if not self.roadmap.final_turn_rad(end, self.roadmap.heading_end[move]):
+            return needs
+        turning = self.roadmap.places.turning[end] & ~(1 << place)
+        return tuple(sorted({*needs, *places_in(turning)}))
 
 
 def _lowest(tails: _Array, heads: _Array, costs: _Array, nodes: int) -> csr_matrix:
