@@ -7,6 +7,7 @@ from typing import Protocol, TypeAlias
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Plan, Report, TellRoute
 from ledger.scene import XY, Area, Door, Group
+from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
 from scheduler.traffic.doors import DoorNow
 
@@ -31,8 +32,8 @@ class TrafficLike(Roads, Protocol):
     def ready(self) -> bool:
         """Every robot that is there has been placed; nobody moves before."""
 
-    def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
-        """Take settings of the scene (SceneConfig), at once."""
+    def tune(self, config: SceneConfig) -> None:
+        """Take what settings of the scene are traffic's, at once."""
 
     def lay_doors(self, doors: Sequence[Door]) -> None:
         """Let nobody pass these doors until they are known to be open; called once, at first."""

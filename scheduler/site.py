@@ -74,11 +74,8 @@ class Site:
         self.changed = True
 
     def _tune(self) -> None:
-        config = self.scene.config
         for traffic in self.traffic.values():
-            traffic.tune(
-                config.point_distance_m, config.path_distance_m, config.traffic_plan_interval_ms
-            )
+            traffic.tune(self.scene.config)
 
     def reset(self, name: RobotName) -> None:
         """Have traffic forget the robot and place it anew, as soon as it is there to be asked."""

@@ -10,6 +10,7 @@ from pathlib import Path as FilePath
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Plan, Report, TellRoute
 from ledger.scene import XY, Area, Door, Group
+from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
 from scheduler.traffic.admission import OLD_ROUTE, Admission
 from scheduler.traffic.claims import Claims
@@ -18,9 +19,11 @@ from scheduler.traffic.costs import INFINITE, Costs
 from scheduler.traffic.doors import DoorNow, Doors
 from scheduler.traffic.execution import Execution
 from scheduler.traffic.grants import Grants
-from scheduler.traffic.pibt import World, propose
+from scheduler.traffic.pibt import World
+from scheduler.traffic.planner import Distributed, Planner
 from scheduler.traffic.shown import Shown
 from scheduler.traffic.track import Track
+from scheduler.traffic.waits import Floor, Wait, Waits
 from scheduler.traffic.wishes import agents, held_otherwise, overlay, relocate
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
@@ -52,6 +55,7 @@ class Traffic:
         self._reserved = Claims(self.roadmap, self.grants, self._costs)
         self._doors = Doors(self.roadmap, self.grants, self._costs)
         self._execution = Execution(self.roadmap, self.grants, self._admission, self._reserved)
+        self._planner: Planner = Distributed()
         self._goals: Mapping[RobotName, Goal] = {}
         self._fixed: frozenset[RobotName] = frozenset()
         self._dirty = True
@@ -59,14 +63,16 @@ class Traffic:
         self._quiet_ms = 10 * REPLAN_MS  # the longest time between two plannings
         self._resend_ms = 0
         self._shown = Shown(scene, self.roadmap, self.grants)
+        self._world = World(roadmap=self.roadmap, agents=[])  # as last planned on
+        self._waits = Waits(self.roadmap)
 
-    def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
-        """Take settings of the scene: how far from a point or a path a robot is still on it, and
-        the longest time between two plannings when nothing happens.
+    def tune(self, config: SceneConfig) -> None:
+        """Take settings of the scene: how far from a point or a path a robot is still on it, the
+        longest time between two plannings when nothing happens.
         """
-        self._admission.within_m = point_distance_m
-        self._admission.path_m = path_distance_m
-        self._quiet_ms = plan_interval_ms
+        self._admission.within_m = config.point_distance_m
+        self._admission.path_m = config.path_distance_m
+        self._quiet_ms = config.traffic_plan_interval_ms
         self._plan_ms = 0  # what is due by the new interval is done at once
 
     @property
@@ -296,7 +302,8 @@ class Traffic:
             agents=agents(roadmap, tracks, ranks, self._fixed, now_ms),
         )
         overlay(world, held_otherwise(tracks, self.grants))
-        self._execution.admit(world, propose(world))
+        self._world = world
+        self._waits.note(self._execution.admit(world, self._planner.propose(world)), self._tracks, now_ms)
         waits = any((t.goal, t.relocation) not in ((t.place, None), (None, None)) for t in tracks)
         waits = waits or bool(self._admission.entries)
         self._plan_ms = now_ms + (min(REPLAN_MS, self._quiet_ms) if waits else self._quiet_ms)
@@ -318,7 +325,27 @@ class Traffic:
     def plans(self, now_ms: int) -> list[Plan]:
         """What is intended with each robot just now."""
         shown, robots, doors = self._shown, self._tracks.keys(), self._doors.before
+        waits = self.waits(now_ms)
         return [
-            shown.plan(track, self._goals.get(track.name), robots, doors(track), now_ms)
+            shown.plan(
+                track,
+                self._goals.get(track.name),
+                robots,
+                doors(track),
+                waits.get(track.name),
+                now_ms,
+            )
             for track in self._tracks.values()
         ]
+
+    def waits(self, now_ms: int) -> Mapping[RobotName, Wait]:
+        """Who waits just now, for whom and why."""
+        floor = Floor(
+            grants=self.grants,
+            tracks=self._tracks,
+            fixed=self._fixed,
+            doors=self._doors.before,
+            world=self._world,
+            refused=self._waits.refused,
+        )
+        return self._waits.look(floor, now_ms)

@@ -119,10 +119,10 @@ class SmallTraffic:
         self.goals: Mapping[RobotName, Goal] = {}
         self.last_ms: int | None = None
         self.claims: dict[str, tuple[str, tuple[tuple[XY, ...], ...], bool]] = {}
-        self.tuned: tuple[float, float, int] | None = None
+        self.tuned: SceneConfig | None = None
 
-    def tune(self, point_distance_m: float, path_distance_m: float, plan_interval_ms: int) -> None:
-        self.tuned = (point_distance_m, path_distance_m, plan_interval_ms)
+    def tune(self, config: SceneConfig) -> None:
+        self.tuned = config
 
     @property
     def ready(self) -> bool:

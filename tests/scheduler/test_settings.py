@@ -18,7 +18,7 @@ from ledger.events import (
 )
 from ledger.ids import RobotName
 from ledger.link import Act, Alarm, AlarmLevel, Cancel
-from ledger.scene_config import SceneConfig
+from ledger.scene_config import SceneConfig, TrafficMethod
 from ledger.state import OrderKind
 from tests.scheduler.small_shift import Shift
 from tests.scheduler.small_site import SCENE, added, carry, imported
@@ -70,15 +70,16 @@ def test_who_has_waited_too_long_comes_before_any_sorting() -> None:
 
 def test_distances_and_the_interval_of_planning_reach_traffic() -> None:
     work = shift(("A", 0.0))
-    defaults = SceneConfig()
-    assert work.traffic[1].tuned == (
-        defaults.point_distance_m,
-        defaults.path_distance_m,
-        defaults.traffic_plan_interval_ms,
+    assert work.traffic[1].tuned == SceneConfig()
+    config = SceneConfig(
+        point_distance_m=0.1,
+        path_distance_m=0.7,
+        traffic_plan_interval_ms=900,
+        traffic_method=TrafficMethod.VENUS,
     )
-    configure(work, point_distance_m=0.1, path_distance_m=0.7, traffic_plan_interval_ms=900)
+    work.happen(SceneConfigured(scene=SCENE, config=config))
     work.run(0.1)
-    assert work.traffic[1].tuned == (0.1, 0.7, 900)
+    assert work.traffic[1].tuned == config
 
 
 def test_a_robot_with_an_error_takes_orders_only_where_the_scene_lets_it() -> None:

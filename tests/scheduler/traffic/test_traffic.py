@@ -7,6 +7,7 @@ import pytest
 from ledger.ids import PointName, RobotName
 from ledger.link import Drive, Mark, TellRoute
 from ledger.scene import Group, Kinematics, Point
+from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
 from scheduler.traffic.traffic import Traffic
 from tests.scheduler.traffic.floor import SCENE, Floor
@@ -162,7 +163,7 @@ def test_how_far_off_a_point_or_a_path_a_robot_may_be_is_a_setting():
         made = floor(lattice(3, 3), {"R0": ("P0-0", 0.0)})
         made.robots[R0].x, made.robots[R0].y = x, y
         traffic = Traffic(SCENE, lattice(3, 3), GROUPS)
-        traffic.tune(point_m, path_m, 5_000)
+        traffic.tune(SceneConfig(point_distance_m=point_m, path_distance_m=path_m))
         traffic.add(R0, 0)
         traffic.observe(made.robots[R0].report(1, 0))
         assert traffic.trouble(R0) == trouble, (x, y, point_m, path_m)
@@ -174,7 +175,7 @@ def test_the_interval_of_planning_bounds_the_time_between_two_plannings(monkeypa
     plan = traffic._plan
     monkeypatch.setattr(traffic, "_plan", lambda now_ms: (planned.append(now_ms), plan(now_ms)))
     for interval_ms in (2_000, 300):
-        traffic.tune(0.3, 0.3, interval_ms)
+        traffic.tune(SceneConfig(traffic_plan_interval_ms=interval_ms))
         planned.clear()
         for now_ms in range(10_000, 20_001, 100):
             traffic.step(now_ms + interval_ms, {}, set())
