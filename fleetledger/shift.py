@@ -19,8 +19,9 @@ from ledger.ids import CommandId, OrderId, SceneId
 from ledger.scene import SceneFile
 from ledger.state import Fleet, StepTask
 from ledger.store import Ledger, MemoryLedger
+from sim.faults import NONE, FaultMix
 from sim.link import SimRole
-from sim.world import Disturbance, World
+from sim.world import World
 
 START_MS = 1_700_000_000_000
 STEP_MS = 200  # of virtual time between two looks at everything
@@ -34,7 +35,7 @@ class Shift:
         scene: SceneFile,
         *,
         seed: int = 1,
-        disturbance: Disturbance | None = None,
+        faults: FaultMix = NONE,
         ledger: Ledger | None = None,
         step_ms: int = STEP_MS,
         bus: MemoryBus | None = None,
@@ -51,7 +52,7 @@ class Shift:
         self._feed = FeedServer(self.bus, self.ledger, lambda: self.handler.fleet)
         self.bus.respond("fleet/propose", responder(self.handler, self.ledger))
         self.scene = self._import(scene)
-        self.world = World(random.Random(seed), disturbance)
+        self.world = World(random.Random(seed), faults)
         self.sim = SimRole(self.bus, FeedFollower(self.bus), self.world, report_ms=step_ms)
         self.sim.start(self.now_ms)
         self.role = SchedulerRole(self.bus, None)

@@ -35,7 +35,7 @@ def report(robot: SimRobot, at_ms: int, now_s: float) -> Report:
         x_m=x,
         y_m=y,
         heading_rad=heading,
-        speed_mps=(-robot.speed if backward else robot.speed) if driving else 0.0,
+        speed_mps=(-robot.speed if backward else robot.speed) if driving else robot.hand_mps,
         turn_radps=turn,
         point=stands_on(robot),
         battery_ratio=robot.battery,

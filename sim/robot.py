@@ -50,6 +50,7 @@ class SimRobot:
         "commit",
         "controller",
         "done",
+        "hand_mps",
         "heading",
         "hears",
         "held_s",
@@ -100,6 +101,7 @@ class SimRobot:
         self.controller = DISPATCHER  # whom it obeys; empty = nobody
         self.obeyed = 0  # number of the newest instruction that it has carried out
         self.hears = Hears.ALL
+        self.hand_mps = 0.0  # speed at which people move it
         self.changed = True  # since the last report
         self.awake = True  # has something to do: a sleeping robot costs nothing
 

@@ -54,7 +54,7 @@ class SavedWorld(Value, frozen=True, kw_only=True):
 
     version: int = SAVED_VERSION
     elapsed_s: float
-    chance: tuple[int, tuple[int, ...], float | None] | None  # of a world with disturbances
+    chance: tuple[int, tuple[int, ...], float | None] | None  # of a world with faults
     robots: tuple[SavedRobot, ...]
 
 

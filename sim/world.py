@@ -18,32 +18,31 @@ from ledger.link import (
     TellRoute,
     ToRobot,
 )
-from ledger.scene import Group, RobotConfig, Scene, Value
+from ledger.scene import Group, RobotConfig, Scene
 from sim.actions import ACTION_FAILED, CHARGE, action_failed, must_fail
+from sim.faults import NONE, FaultMix
 from sim.instructions import obey
 from sim.legs import Body
+from sim.people import BY_HAND
 from sim.placement import Ground, Place, free_place, radius_m
+from sim.radio import Radio
 from sim.reporting import report
 from sim.robot import Hears, SimRobot, drive, settle, stands_on, step
 from sim.saving import SAVED_VERSION, SavedRobot, SavedWorld, restored, saved
+from sim.troubles import Troubles
 
 STEP_S_MAX = 0.2  # longer ones are cut: speed changes evenly within one
 BATTERY_RATIO_MIN = 0.6  # of a new robot; they differ, so that not all charge at once
 
 
-class Disturbance(Value, frozen=True, kw_only=True):
-    """Delays as real robots have them: at a new move, perhaps, stand still for a while."""
-
-    probability: float = 0.0
-    mean_s: float = 6.0
-
-
 class World:
     """Holds the robots. Deterministic: the same calls with the same seed give the same bytes."""
 
-    def __init__(self, rng: random.Random, disturbance: Disturbance | None = None) -> None:
+    def __init__(self, rng: random.Random, faults: FaultMix = NONE) -> None:
         self._rng = rng
-        self._disturbance = disturbance if disturbance and disturbance.probability > 0 else None
+        self._faults = faults
+        self._troubles = Troubles(rng, faults) if faults.strikes else None
+        self._radio = Radio(rng, faults) if faults.disturbs_reports else None
         self._elapsed_s = 0.0
         self._robots: dict[RobotKey, SimRobot] = {}
         self._grounds: dict[tuple[SceneId, int], Ground] = {}
@@ -75,7 +74,9 @@ class World:
             for ground in grounds:
                 if (memory.area, memory.map_digest) == (ground.area.id, ground.area.map_digest):
                     body = _body(scene, config, group, ground)
-                    self._robots[key] = restored(body, memory)
+                    robot = self._robots[key] = restored(body, memory)
+                    if robot.controller == BY_HAND:  # nobody knows any more who drove it
+                        robot.controller = DISPATCHER
                     return True
         others = [r for r in self._robots.values() if r.body.scene == scene.id]
         preferred = memory.point if memory is not None else None
@@ -212,14 +213,19 @@ class World:
                     if robot.actions.charging:
                         settle(robot, self._elapsed_s)
                     step(robot, part_s)
-                    if self._disturbance is not None:
-                        self._disturb(robot, self._disturbance)
+                    if self._faults.late_ratio:
+                        self._delay(robot)
+            if self._troubles is not None:
+                self._troubles.step(self._elapsed_s, part_s, self._robots, self._ground)
 
-    def _disturb(self, robot: SimRobot, disturbance: Disturbance) -> None:
+    def _delay(self, robot: SimRobot) -> None:
         if robot.legs and robot.legs[0].piece.commit != robot.commit:
             robot.commit = robot.legs[0].piece.commit
-            if self._rng.random() < disturbance.probability:
-                robot.held_s = self._rng.expovariate(1.0 / disturbance.mean_s)
+            if self._rng.random() < self._faults.late_ratio:
+                robot.held_s = self._rng.expovariate(1.0 / self._faults.late_mean_s)
+
+    def _ground(self, robot: SimRobot) -> Ground:
+        return self._grounds[robot.body.scene, robot.body.area]
 
     def reports(
         self, at_ms: int, *, changed_only: bool = False, whole: Container[SceneId] = ()
@@ -228,17 +234,18 @@ class World:
 
         Of the scenes in `whole` all robots report, news or not.
         """
-        return [
+        said = [
             report(robot, at_ms, self._elapsed_s)
             for robot in self._robots.values()
             if robot.hears is Hears.ALL
             and (robot.changed or not changed_only or robot.body.scene in whole)
         ]
+        return said if self._radio is None else self._radio.pass_on(said)
 
     def save(self) -> bytes:
         """Take down everybody at one moment; those of whom `load` told and who are not back too."""
         present = [saved(robot) for robot in self._robots.values()]
-        chance = self._rng.getstate() if self._disturbance is not None else None
+        chance = self._rng.getstate() if self._faults != NONE else None
         return msgspec.msgpack.encode(
             SavedWorld(
                 elapsed_s=self._elapsed_s,
@@ -256,7 +263,7 @@ class World:
         if world.version != SAVED_VERSION:
             raise ValueError(f"a world of version {world.version}, not {SAVED_VERSION}")
         self._elapsed_s = world.elapsed_s
-        if self._disturbance is not None and world.chance is not None:
+        if world.chance is not None and self._faults != NONE:
             self._rng.setstate(world.chance)
         self._remembered = {robot_key(r.scene, r.name): r for r in world.robots}
 

@@ -17,9 +17,10 @@ from ledger.scene import Area, Door, RobotConfig, SceneFile
 from ledger.state import DeviceKind, StepTask
 from scheduler.traffic.judge import body, collisions
 from sim.devices import SimDoor
+from sim.faults import FaultMix
 from sim.link import SimRole
 from sim.robot import place
-from sim.world import Disturbance, World
+from sim.world import World
 from tests.scheduler.traffic.maps import lattice
 
 PITCH_M = 2.0
@@ -60,8 +61,8 @@ class Doorkeeping:
         self.chance = random.Random(seed)
         configs = (RobotConfig(name=RobotName(f"R{n}"), simulated=True) for n in range(robots))
         file = SceneFile(name="hall", areas=(area,), doors=doors, robots=tuple(configs))
-        self.late = Disturbance(probability=late, mean_s=4.0)
-        self.shift = Shift(file, seed=seed, disturbance=self.late)
+        self.late = FaultMix(late_ratio=late, late_mean_s=4.0)
+        self.shift = Shift(file, seed=seed, faults=self.late)
         self.folder = tempfile.TemporaryDirectory()
         self.thresholds = {door.id: threshold(area, door) for door in doors}
         self.kill_sim()

@@ -33,9 +33,9 @@ from commands.scene_life import DisableScene, PauseDispatch
 from fleetledger.shift import Shift
 from ledger.ids import RobotName, robot_key
 from ledger.state import Order, OrderKind, StepTask
+from sim.faults import NONE, FaultMix
 from sim.robot import SimRobot, place
 from sim.warehouses import generate
-from sim.world import Disturbance
 from tests.laws.onlooker import Onlooker, ask, bins_of, load, unload
 from tests.laws.test_shift_machine import SLOW
 
@@ -53,8 +53,8 @@ class AnyInstruction(RuleBasedStateMachine):
     @initialize(robots=st.integers(1, 3), seed=st.integers(0, 99), delays=st.booleans())
     def open(self, robots: int, seed: int, delays: bool) -> None:
         file = generate(aisles=2, bays=2, robots=robots, seed=seed)
-        disturbance = Disturbance(probability=0.2, mean_s=3.0) if delays else None
-        self.shift = Shift(file, seed=seed, disturbance=disturbance)
+        faults = FaultMix(late_ratio=0.2, late_mean_s=3.0) if delays else NONE
+        self.shift = Shift(file, seed=seed, faults=faults)
         self.onlooker = Onlooker(self.shift)
         self.bins = bins_of(file)
         self.stopped_ms: dict[RobotName, int] = {}  # by a command, robot linked ever since

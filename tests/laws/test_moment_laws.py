@@ -37,8 +37,8 @@ from ledger.state import Fleet
 from ledger.store import FileLedger
 from projections.api.m4 import router
 from replay.moment import Moments
+from sim.faults import FaultMix
 from sim.warehouses import generate
-from sim.world import Disturbance
 from tests.histories import history
 from tests.laws.onlooker import ask, bins_of, load, unload
 from tests.projections.api.asking import application, asked_of
@@ -64,8 +64,8 @@ class Told:
         self.data = data
         file = generate(aisles=2, bays=2, robots=3, seed=seed)
         ledger = FileLedger.open(data / "ledger", segment_chunks_max=200)
-        disturbance = Disturbance(probability=0.2, mean_s=3.0)
-        self.shift = Shift(file, seed=seed, disturbance=disturbance, ledger=ledger)
+        faults = FaultMix(late_ratio=0.2, late_mean_s=3.0)
+        self.shift = Shift(file, seed=seed, faults=faults, ledger=ledger)
         self.bins = bins_of(file)
         self.point = file.areas[0].points[0]
         self.digests: dict[int, str] = {0: digest(Fleet())}  # by position

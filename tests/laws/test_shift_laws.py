@@ -13,8 +13,8 @@ from fleetledger.shift import Shift
 from ledger.codec import encode
 from ledger.ids import OrderId
 from ledger.scene import SceneFile
+from sim.faults import FaultMix
 from sim.warehouses import for_robots, generate
-from sim.world import Disturbance
 from tests.laws.onlooker import Onlooker, bins_of, load, unload
 
 ORDER_S_MAX = 300.0  # of virtual time for one round of orders; twenty robots need about sixty
@@ -40,7 +40,7 @@ def until_ended(onlooker: Onlooker, orders: list[OrderId], seconds: float = ORDE
 def a_day(seed: int, robots: int = 4, restarts: bool = True) -> Shift:
     """A fixed story with delays, crowded bins and new schedulers in the middle of it."""
     file = generate(aisles=2, bays=2, robots=robots, seed=seed)
-    shift = Shift(file, seed=seed, disturbance=Disturbance(probability=0.2, mean_s=3.0))
+    shift = Shift(file, seed=seed, faults=FaultMix(late_ratio=0.2, late_mean_s=3.0))
     rng = Random(seed)
     for _ in range(3):
         some_orders(shift, file, robots, rng)
@@ -58,7 +58,7 @@ def digest(shift: Shift) -> str:
 @pytest.mark.parametrize("robots", [1, 3, 8])
 def test_all_orders_end_and_nobody_overlaps(robots: int) -> None:
     file = for_robots(robots, seed=robots)
-    shift = Shift(file, seed=robots, disturbance=Disturbance(probability=0.1, mean_s=4.0))
+    shift = Shift(file, seed=robots, faults=FaultMix(late_ratio=0.1, late_mean_s=4.0))
     onlooker = Onlooker(shift)
     orders = some_orders(shift, file, 2 * robots, Random(robots))
     until_ended(onlooker, orders)
@@ -114,7 +114,7 @@ def stage(seed: int) -> None:
 
 def a_long_shift_keeps_its_laws(seed: int) -> None:
     file = for_robots(20, seed=seed)
-    shift = Shift(file, seed=seed, disturbance=Disturbance(probability=0.1, mean_s=6.0))
+    shift = Shift(file, seed=seed, faults=FaultMix(late_ratio=0.1, late_mean_s=6.0))
     onlooker, rng = Onlooker(shift), Random(seed)
     orders: list[OrderId] = []
     for _ in range(20):
@@ -129,7 +129,7 @@ def a_long_shift_keeps_its_laws(seed: int) -> None:
 
 def schedulers_may_come_and_go_all_the_time(seed: int) -> None:
     file = for_robots(12, seed=seed)
-    shift = Shift(file, seed=seed, disturbance=Disturbance(probability=0.2, mean_s=5.0))
+    shift = Shift(file, seed=seed, faults=FaultMix(late_ratio=0.2, late_mean_s=5.0))
     onlooker, rng = Onlooker(shift), Random(seed)
     orders: list[OrderId] = []
     for _ in range(40):

@@ -36,8 +36,8 @@ from commands.steps import AddSteps, ChangeSteps, DeleteSteps, StepPatch
 from fleetledger.shift import Shift
 from ledger.ids import OrderId, RobotName
 from ledger.state import Order, OrderKind, StepTask
+from sim.faults import NONE, FaultMix
 from sim.warehouses import generate
-from sim.world import Disturbance
 from tests.laws.onlooker import Onlooker, ask, bins_of, load, unload
 
 ORDERS_MAX = 8  # live at once, so that the end comes soon
@@ -52,8 +52,8 @@ class AnyShift(RuleBasedStateMachine):
     @initialize(robots=st.integers(2, 4), seed=st.integers(0, 99), delays=st.booleans())
     def open(self, robots: int, seed: int, delays: bool) -> None:
         file = generate(aisles=2, bays=2, robots=robots, seed=seed)
-        disturbance = Disturbance(probability=0.3, mean_s=4.0) if delays else None
-        self.shift = Shift(file, seed=seed, disturbance=disturbance)
+        faults = FaultMix(late_ratio=0.3, late_mean_s=4.0) if delays else NONE
+        self.shift = Shift(file, seed=seed, faults=faults)
         self.onlooker = Onlooker(self.shift)
         self.file, self.bins = file, bins_of(file)
         self.points = [point.name for point in file.areas[0].points]

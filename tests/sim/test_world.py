@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from ledger.ids import robot_key
 from ledger.link import Act, ActionPhase, Cancel, Drive, Report, TellRoute
 from ledger.scene import PointKind, Scene
+from sim.faults import NONE, FaultMix
 from sim.warehouses import generate
-from sim.world import Disturbance, World
+from sim.world import World
 from tests.sim.fleets import (
     SCENE,
     configs,
@@ -27,8 +28,8 @@ SMALL: Scene = scene_of(generate(aisles=3, bays=3, robots=4, seed=1))
 AREA = SMALL.areas[0]
 
 
-def world_of(robots: int, seed: int = 1, disturbance: Disturbance | None = None) -> World:
-    world = World(random.Random(seed), disturbance)
+def world_of(robots: int, seed: int = 1, faults: FaultMix = NONE) -> World:
+    world = World(random.Random(seed), faults)
     for config in configs(robots):
         assert world.add(SMALL, config, at_ms=1_000)
     return world
@@ -85,10 +86,10 @@ def test_the_road_ahead_of_a_robot_is_no_place_for_another() -> None:
 @given(seed=st.integers(0, 9), chance=st.sampled_from([0.0, 0.3]))
 @settings(max_examples=5, deadline=None)
 def test_the_same_seed_says_the_same_bytes(seed: int, chance: float) -> None:
-    disturbance = Disturbance(probability=chance, mean_s=3.0)
+    faults = FaultMix(late_ratio=chance, late_mean_s=3.0)
     runs = []
     for _ in range(2):
-        world = world_of(3, seed, disturbance)
+        world = world_of(3, seed, faults)
         runs.append(run(world, random.Random(seed), 200, 2_000))
     assert runs[0] == runs[1]
 
@@ -96,12 +97,12 @@ def test_the_same_seed_says_the_same_bytes(seed: int, chance: float) -> None:
 @given(seed=st.integers(0, 9), ticks=st.integers(0, 150), chance=st.sampled_from([0.0, 0.3]))
 @settings(max_examples=10, deadline=None)
 def test_a_loaded_world_goes_on_as_the_saved_one(seed: int, ticks: int, chance: float) -> None:
-    disturbance = Disturbance(probability=chance, mean_s=3.0)
-    world = world_of(3, seed, disturbance)
+    faults = FaultMix(late_ratio=chance, late_mean_s=3.0)
+    world = world_of(3, seed, faults)
     rng = random.Random(seed)
     run(world, rng, ticks, 2_000)
     world.tell(SCENE, Act(robot=configs(1)[0].name, id="a", name="Load"))
-    again = World(random.Random(99), disturbance)
+    again = World(random.Random(99), faults)
     again.load(world.save())
     assert again.remembers(robot_key(SCENE, configs(1)[0].name))
     for config in configs(3):
@@ -272,8 +273,8 @@ def test_an_action_fails_when_asked_to() -> None:
 
 
 def test_disturbed_robots_are_later_but_arrive() -> None:
-    def arrival_s(disturbance: Disturbance | None) -> int:
-        world = world_of(1, 1, disturbance)
+    def arrival_s(faults: FaultMix) -> int:
+        world = world_of(1, 1, faults)
         report = one(world)
         drive = drive_on(AREA, report, leaving(AREA, report)[0], 1)
         world.tell(SCENE, drive)
@@ -283,4 +284,4 @@ def test_disturbed_robots_are_later_but_arrive() -> None:
                 return second
         raise AssertionError("never arrived")
 
-    assert arrival_s(Disturbance(probability=1.0, mean_s=60.0)) > arrival_s(None)
+    assert arrival_s(FaultMix(late_ratio=1.0, late_mean_s=60.0)) > arrival_s(NONE)

@@ -25,8 +25,9 @@ from ledger.seal import seal_folder
 from ledger.snapshot import restore
 from ledger.state import Fleet
 from ledger.verify import verify
+from sim.faults import FaultMix
 from sim.warehouses import generate
-from sim.world import Disturbance, World
+from sim.world import World
 from tests.laws.crash.clients import Clients, Request
 from tests.laws.crash.core import STEP_MS, Core, Site, Sizes
 from tests.laws.crash.disk import Crashed, FaultyDisk, Trouble
@@ -62,14 +63,14 @@ class Simulation:
         disk_rng = Random(self.rng.random())
         folder.mkdir(parents=True, exist_ok=True)
         file = generate(aisles=2, bays=2, robots=self.rng.choice((2, 3)), seed=seed)
-        disturbance = Disturbance(probability=0.2, mean_s=3.0)
+        faults = FaultMix(late_ratio=0.2, late_mean_s=3.0)
         self.site = Site(
             folder=folder,
             maps=Path(_maps().name),
             disk=kind(folder, disk_rng),
             file=file,
             sizes=Sizes.drawn(self.rng),
-            world=World(Random(self.rng.random()), disturbance),
+            world=World(Random(self.rng.random()), faults),
             rows=Rows(),
             witness=Witness(),
             rng=Random(self.rng.random()),
