@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from ledger.ids import OrderId, PathKey, PointName, RobotName, SceneId
 from ledger.scene import XY, Value
+from ledger.waits import Wait
 
 
 class Mark(Value, frozen=True, kw_only=True, order=True):
@@ -231,6 +232,7 @@ class Plan(Value, frozen=True, kw_only=True):
     blocked_by: tuple[RobotName, ...] = ()  # and EXTERNAL with its owner, DOOR with its name
     commit: int = 0  # number of its newest committed move, 0 = none
     moving: bool = False
+    wait: Wait | None = None  # why it stands, if it should not
 
 
 class DoorStatus(StrEnum):

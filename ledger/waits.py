@@ -1,8 +1,9 @@
-"""Who waits for whom: one wait of one robot, as traffic names it and everybody else shows it."""
+"""Who waits for whom: waits of robots as traffic names them, their chains and their cycles."""
 
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 
-from ledger.ids import PointName, RobotName
+from ledger.ids import PointName, RobotName, SceneId
 from ledger.scene import Value
 
 
@@ -37,3 +38,93 @@ class Wait(Value, frozen=True, kw_only=True):
     reason: WaitReason
     blockers: tuple[RobotName, ...] = ()
     place: PointName | None = None  # the point that it cannot get to next
+
+
+class Chain(Value, frozen=True, kw_only=True):
+    """Who waits for whom, from a robot that nobody waits for down to what all of it hangs on."""
+
+    waits: tuple[Wait, ...]  # each for the next one
+    root: RobotName | None  # waits for nobody, named as blockers are; None = the last wait says why
+    closed: bool = False  # the last one waits for one before: they wait for each other
+
+
+class Counts(Value, frozen=True, kw_only=True):
+    """How often what has happened in the traffic of a scene, since the scheduler's start."""
+
+    scene: SceneId
+    at_ms: int
+    plannings: dict[str, int] = {}  # by what made them due
+    pushes: int = 0
+    cycles: int = 0  # of robots that waited for each other, for a while
+
+
+def chains(waits: Iterable[Wait]) -> list[Chain]:
+    """Follow each wait that nobody waits for, the longest waiting blocker first; who waits longest
+    in a chain decides its place. Of robots that wait for each other, one chain begins at one.
+    """
+    by_robot = {wait.robot: wait for wait in waits}
+    blocking = {name for wait in by_robot.values() for name in wait.blockers}
+    left = dict(by_robot)
+    found = []
+    for names in ([name for name in by_robot if name not in blocking], by_robot):
+        for name in names:
+            if name in left:
+                chain = _follow(by_robot, name)
+                found.append(chain)
+                for wait in chain.waits:
+                    left.pop(wait.robot, None)
+    found.sort(key=lambda c: (min(wait.since_ms for wait in c.waits), c.waits[0].robot))
+    return found
+
+
+def _follow(by_robot: Mapping[RobotName, Wait], name: RobotName) -> Chain:
+    links: dict[RobotName, Wait] = {}
+    while True:
+        wait = links[name] = by_robot[name]
+        waiting = [by_robot[other] for other in wait.blockers if other in by_robot]
+        if not waiting:
+            root = wait.blockers[0] if wait.blockers else None
+            return Chain(waits=tuple(links.values()), root=root)
+        name = min(waiting, key=lambda other: (other.since_ms, other.robot)).robot
+        if name in links:
+            return Chain(waits=tuple(links.values()), root=name, closed=True)
+
+
+def cycles(waits: Iterable[Wait]) -> list[tuple[RobotName, ...]]:
+    """Give the robots that wait for each other, each lot sorted: the strongly connected parts of
+    the wait-for graph (Tarjan 1972, without recursion).
+    """
+    edges = {wait.robot: wait.blockers for wait in waits}
+    index: dict[RobotName, int] = {}
+    low: dict[RobotName, int] = {}
+    stack: list[RobotName] = []
+    on_stack: set[RobotName] = set()
+    found: list[tuple[RobotName, ...]] = []
+    for start in edges:
+        path = [] if start in index else [(start, iter(edges[start]))]
+        if path:
+            index[start] = low[start] = len(index)
+            stack.append(start)
+            on_stack.add(start)
+        while path:
+            name, others = path[-1]
+            for other in others:
+                if other in edges and other not in index:
+                    index[other] = low[other] = len(index)
+                    stack.append(other)
+                    on_stack.add(other)
+                    path.append((other, iter(edges[other])))
+                    break
+                if other in on_stack:
+                    low[name] = min(low[name], index[other])
+            else:
+                path.pop()
+                if path:
+                    low[path[-1][0]] = min(low[path[-1][0]], low[name])
+                if low[name] == index[name]:
+                    part = stack[stack.index(name) :]
+                    del stack[-len(part) :]
+                    on_stack.difference_update(part)
+                    if len(part) > 1:
+                        found.append(tuple(sorted(part)))
+    return sorted(found)

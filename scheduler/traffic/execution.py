@@ -14,6 +14,7 @@ from scheduler.traffic.pibt import World, room
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import Builder, Leg
 from scheduler.traffic.track import Shut, Track
+from scheduler.traffic.waits import Outcome
 
 
 class Execution:
@@ -76,8 +77,9 @@ class Execution:
                     self.touched.add(track.name)
                     break
 
-    def admit(self, world: World, proposed: Iterable[tuple[str, tuple[int, ...]]]) -> None:
+    def admit(self, world: World, proposed: Iterable[tuple[str, tuple[int, ...]]]) -> list[Outcome]:
         """Commit what can be now of what a planner has proposed for this world, in its order."""
+        outcomes: list[Outcome] = []
         positions = 0
         for track in self.tracks.values():
             if track.place is not None:
@@ -88,9 +90,20 @@ class Execution:
             here = 1 << track.place
             goal = track.aim
             need = room(world, track.place, track.heading_rad, moves, goal) & ~here
+            before = track.place, track.heading_rad, track.commit
             if track.near and not need & positions:
                 self._commit(track, moves, goal)
                 positions = positions & ~here | 1 << track.place
+            outcomes.append(
+                Outcome(
+                    robot=track.name,
+                    place=before[0],
+                    heading_rad=before[1],
+                    need=need,
+                    committed=track.commit != before[2],
+                )
+            )
+        return outcomes
 
     def _commit(self, track: Track, moves: tuple[int, ...], goal: int | None) -> None:
         """Append moves to a route, each under the next number; () is the turn that a goal asks."""

@@ -5,6 +5,7 @@ from itertools import islice
 
 from ledger.ids import RobotName, SceneId
 from ledger.link import DOOR, EXTERNAL, Plan, Space
+from ledger.waits import Wait
 from scheduler.goal import Goal
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.roadmap import Roadmap
@@ -28,6 +29,7 @@ class Shown:
         goal: Goal | None,
         robots: Container[str],
         doors: tuple[str, ...],
+        wait: Wait | None,
         now_ms: int,
     ) -> Plan:
         """Say what is intended with one robot; who is in its way and none of `robots` is an owner
@@ -51,6 +53,7 @@ class Shown:
             blocked_by=tuple(RobotName(name) for name in sorted(blockers)),
             commit=track.commit,
             moving=not track.driven,
+            wait=wait,
         )
 
     def _space(self, cell: int) -> Space:
