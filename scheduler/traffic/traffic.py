@@ -23,7 +23,7 @@ from scheduler.traffic.pibt import World
 from scheduler.traffic.planner import Distributed, Planner
 from scheduler.traffic.shown import Shown
 from scheduler.traffic.track import Track
-from scheduler.traffic.waits import Floor, Wait, Waits
+from scheduler.traffic.waits import Due, Floor, Wait, Waits
 from scheduler.traffic.wishes import agents, held_otherwise, overlay, relocate
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
@@ -58,7 +58,7 @@ class Traffic:
         self._planner: Planner = Distributed()
         self._goals: Mapping[RobotName, Goal] = {}
         self._fixed: frozenset[RobotName] = frozenset()
-        self._dirty = True
+        self._dirty: Due | None = Due.ROBOTS  # why planning is due
         self._plan_ms = 0
         self._quiet_ms = 10 * REPLAN_MS  # the longest time between two plannings
         self._resend_ms = 0
@@ -93,7 +93,7 @@ class Traffic:
             costs=self._costs[group],
         )
         self._execution.tracks = dict(sorted(self._tracks.items()))
-        self._dirty = True
+        self._dirty = Due.ROBOTS
 
     def remove(self, robot: RobotName) -> None:
         """It is not on the floor any more: its ground is free."""
@@ -101,14 +101,14 @@ class Traffic:
         if track is not None:
             track.let_go(self.grants)
             self._admission.entries.pop(robot, None)
-            self._dirty = self._execution.freed = True
+            self._dirty, self._execution.freed = Due.ROBOTS, True
 
     def lost(self, robot: RobotName) -> None:
         """It does not answer: it keeps all ground it has, and cannot be pushed."""
         track = self._tracks.get(robot)
         if track is not None and not track.lost:
             track.lost = True
-            self._dirty = True
+            self._dirty = Due.LOST
 
     def observe(self, report: Report) -> None:
         """Take in a report. Older ones than known, and ones from other areas, change nothing."""
@@ -116,14 +116,14 @@ class Traffic:
         if track is None or report.area != self.area.id or track.is_old(report):
             return
         if track.lost:
-            track.lost, self._dirty = False, True
+            track.lost, self._dirty = False, Due.LOST
         track.report = report
         if not track.placed:
             self._admission.receive(track, report, self._execution.taken(track))
             self._news(track)
         elif track.trouble == OLD_ROUTE:
             self._admission.wait_on_old_route(track, report, self._execution.taken(track))
-            self._dirty = True
+            self._dirty = Due.ROBOTS
         elif report.session == track.session:
             self._progress(track, report)
         elif track.confirmed or report.session != track.session_before:
@@ -137,7 +137,7 @@ class Traffic:
     def _news(self, track: Track) -> None:
         """A robot has been placed anew; numbers go on behind those it brought along."""
         self._execution.adopt_numbers(track)
-        self._dirty = self._execution.freed = True
+        self._dirty, self._execution.freed = Due.ROBOTS, True
         self._execution.touched.add(track.name)
 
     def _progress(self, track: Track, report: Report) -> None:
@@ -147,7 +147,7 @@ class Traffic:
         state = track.near, track.driven and track.standing
         if state != track.state:
             track.state = state
-            self._dirty = True
+            self._dirty = Due.PROGRESS
         self._drift(track, report)
 
     def _drift(self, track: Track, report: Report) -> None:
@@ -171,12 +171,12 @@ class Traffic:
         for it was granted before we started.
         """
         self._reserved.add(id_, owner, rings, owned=owned)
-        self._dirty = self._execution.freed = True
+        self._dirty, self._execution.freed = Due.GROUND, True
 
     def unclaim(self, id_: str) -> None:
         """Let robots go there again."""
         self._reserved.drop(id_)
-        self._dirty = self._execution.freed = True
+        self._dirty, self._execution.freed = Due.GROUND, True
 
     def claimed(self, id_: str) -> bool:
         """Is the ground free of robots, and will it stay so until it is given back."""
@@ -193,7 +193,7 @@ class Traffic:
         changed, ways = self._doors.follow(now)
         self._execution.freed = self._execution.freed or changed
         if ways:
-            self._dirty = True
+            self._dirty = Due.DOORS
             self._reserved.ways_changed()
             self._reserved.direct(self._tracks.values())
 
@@ -265,7 +265,8 @@ class Traffic:
         if self._execution.freed:
             self._execution.acquire(self._doors.shut)
         if self._dirty or now_ms >= self._plan_ms:
-            self._dirty = False
+            self._waits.planned(self._dirty or Due.PACE)
+            self._dirty = None
             self._plan(now_ms)
             self._execution.acquire(self._doors.shut)
         return messages + self._tell(now_ms)
@@ -274,7 +275,7 @@ class Traffic:
         fixed = frozenset(busy) | {track.name for track in self._tracks.values() if track.lost}
         if goals == self._goals and fixed == self._fixed and not self._dirty:
             return
-        self._dirty = True
+        self._dirty = self._dirty or Due.GOALS
         self._fixed, self._goals = fixed, dict(goals)
         for track in self._tracks.values():
             wanted = goals.get(track.name)
@@ -303,7 +304,9 @@ class Traffic:
         )
         overlay(world, held_otherwise(tracks, self.grants))
         self._world = world
-        self._waits.note(self._execution.admit(world, self._planner.propose(world)), self._tracks, now_ms)
+        self._waits.note(
+            self._execution.admit(world, self._planner.propose(world)), self._tracks, now_ms
+        )
         waits = any((t.goal, t.relocation) not in ((t.place, None), (None, None)) for t in tracks)
         waits = waits or bool(self._admission.entries)
         self._plan_ms = now_ms + (min(REPLAN_MS, self._quiet_ms) if waits else self._quiet_ms)

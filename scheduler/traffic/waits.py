@@ -6,6 +6,7 @@ or a move that was planned before its own and could not be committed yet.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
+from enum import StrEnum
 from typing import TypeAlias
 
 import msgspec
@@ -26,6 +27,19 @@ LATE_MS_MIN = 3_000  # between a grant and the first report of progress lie a fe
 BLOCKERS_MAX = 4  # named in one wait
 REACH_M = 0.1  # so near to its authority a robot stops
 NEARER_S = 0.1
+
+
+class Due(StrEnum):
+    """What made planning due."""
+
+    ROBOTS = "Robots"  # one has come, gone, or been placed anew
+    PROGRESS = "Progress"  # one is near the end of its route, or has reached it
+    LOST = "Lost"  # one does not answer, or does so again
+    GOALS = "Goals"  # one is to go elsewhere, or begins or ends its work
+    GROUND = "Ground"  # others have reserved some, or given it back
+    DOORS = "Doors"  # one has begun or ceased to work
+    PACE = "Pace"  # nothing, for long enough
+
 
 _Why: TypeAlias = tuple[WaitReason, tuple[RobotName, ...], PointName | None]
 
@@ -63,6 +77,12 @@ class Waits:
         self._pushed: dict[RobotName, tuple[RobotName, int]] = {}  # by whom, and when
         self.refused: dict[RobotName, int] = {}
         self.pushes = 0
+        self.plannings: dict[str, int] = {}  # by what made them due
+        self._looked: tuple[int, dict[RobotName, Wait]] = (-1, {})
+
+    def planned(self, due: Due) -> None:
+        """Count a planning."""
+        self.plannings[due.value] = self.plannings.get(due.value, 0) + 1
 
     def note(
         self, outcomes: Iterable[Outcome], tracks: Mapping[RobotName, Track], now_ms: int
@@ -86,6 +106,11 @@ class Waits:
 
     def look(self, floor: Floor, now_ms: int) -> dict[RobotName, Wait]:
         """Say who waits now. Called a few times a second, and no more often than it is shown."""
+        if self._looked[0] != now_ms:
+            self._looked = now_ms, self._look(floor, now_ms)
+        return self._looked[1]
+
+    def _look(self, floor: Floor, now_ms: int) -> dict[RobotName, Wait]:
         at = {track.place: name for name, track in floor.tracks.items() if track.place is not None}
         found: dict[RobotName, Wait] = {}
         stands: dict[RobotName, tuple[bool, int]] = {}
