@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import msgspec
 
-from scheduler.traffic.costs import INFINITE, Costs
+from scheduler.traffic.costs import INFINITE, Costs, Way, places_in
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.pockets import DEEPER_M
 from scheduler.traffic.roadmap import Roadmap
@@ -27,8 +27,10 @@ IDLE_POCKET_S = 15.0  # and not into a dead end
 # have it in front of itself again (found on a real map: three robots at it for ever).
 POCKET_S = 60.0
 
-# Moves to be committed one after the other; () = turn in place at the goal, None = stay.
-Operation: TypeAlias = tuple[int, ...] | None
+FREE, TAKEN = -1, -2  # of a place, instead of the robot there
+STAY, TURN = -1, -2  # instead of a move; a turn in place at the goal
+# Value, the lowest first; what to do; where it ends; the other places that must be empty.
+Option: TypeAlias = tuple[float, int, int, tuple[int, ...]]
 
 
 class Agent(msgspec.Struct, kw_only=True):
@@ -56,143 +58,172 @@ class World(msgspec.Struct, kw_only=True):
     # point of a turn.
     more_need: dict[int, int] = {}
     more_turning: dict[int, int] = {}
+    # How far who is pushed may drive, and has to (linkMinDistance, linkMaxDistance).
+    push_m_min: float = 0.0
+    push_m_max: float = INFINITE
 
 
 class _Planner:
+    """One step of planning. All that is asked for each candidate lies in flat lists by place: with
+    bits of all places a step for 1,000 robots on 5,700 places took more than twice as long.
+    """
+
     def __init__(self, world: World) -> None:
         self.world = world
+        self.agents = world.agents
         self.roadmap = world.roadmap
-        self.need = world.roadmap.moves.need
-        self.at: dict[int, int] = {}  # place -> agent that has not been decided
-        self.waiting = 0  # bits of their places
-        self.settled = world.closed_places  # bits of the places of those that have been
+        self.pocket = world.roadmap.pockets.pocket
+        self.pocketed = any(pocket >= 0 for pocket in self.pocket)
+        count = len(world.roadmap.places.point)
+        # place -> the robot there that has not been decided; TAKEN for good by one that has, by
+        # one that pushes, or because the ground is closed
+        self.at = [FREE] * count
+        self.needed = [0] * count  # by how many that push: nobody below them may end there
         self.position = [agent.place for agent in world.agents]
-        self.decided = [False] * len(world.agents)
-        self.goals = 0
+        self.wanted = {agent.goal for agent in world.agents}
+        self.closed = places_in(world.closed_places)
+        self.decided = [agent.fixed for agent in world.agents]
         for k, agent in enumerate(world.agents):
-            if agent.goal is not None:
-                self.goals |= 1 << agent.goal
-            if agent.fixed:
-                self.settled |= 1 << agent.place
-                self.decided[k] = True
-            else:
-                self.at[agent.place] = k
-                self.waiting |= 1 << agent.place
+            self.at[agent.place] = TAKEN if agent.fixed else k
+        for place in self.closed:
+            self.at[place] = TAKEN
         self.found: list[tuple[int, tuple[int, ...]]] = []
         self.trail: list[tuple[int, int]] = []  # agent, place before
         self.visits: dict[int, int] = {}
         self.tries = 0
-        self._options: dict[int, list[tuple[float, Operation]]] = {}
+        self._options: list[list[Option] | None] = [None] * len(world.agents)
 
     def run(self) -> list[tuple[int, tuple[int, ...]]]:
-        for k in range(len(self.world.agents)):
+        for k in range(len(self.agents)):
             if not self.decided[k]:
                 self.visits.clear()
+                self.trail.clear()
                 self.tries = 0
-                if not self.attempt(k, 0, 0, 0):
+                if not self.attempt(k, 0):
                     self.settle(k, self.position[k])
         return self.found
 
     # -- one robot
 
-    def attempt(self, k: int, forbidden: int, ancestors: int, depth: int) -> bool:
-        """Decide robot k, and before it all that it has to push. `forbidden`: places where nobody
-        below may end, for the pushing robots need them; `ancestors`: where these still stand.
-        """
-        self.visits[k] = self.visits.get(k, 0) + 1
-        if self.visits[k] > VISITS_MAX or depth > DEPTH_MAX:
+    def attempt(self, k: int, depth: int) -> bool:
+        """Decide robot k, and before it all that it has to push; `depth` robots push it."""
+        visits = self.visits.get(k, 0)
+        if visits == VISITS_MAX or depth > DEPTH_MAX:
             return False
-        here = 1 << self.position[k]
-        for _, operation in self.options(k):
-            if operation is None:
-                if here & forbidden:
-                    continue
-                self.settle(k, self.position[k])
-                return True
+        self.visits[k] = visits + 1
+        at, needed, here = self.at, self.needed, self.position[k]
+        for _, move, end, needs in self._options[k] or self.options(k):
+            if move == STAY:
+                if not needed[here]:
+                    self.settle(k, here)
+                    return True
+                continue
             self.tries += 1
             if self.tries > TRIES_MAX:
                 return False
-            if self.perform(k, operation, forbidden, ancestors, depth):
+            if needed[end]:
+                continue
+            if needs == (end,) and at[end] == FREE and not self.pocketed:
+                self.found.append((k, (move,)))
+                self.settle(k, end)
                 return True
-        return bool(forbidden) and self.by_two(k, forbidden, ancestors, depth)
+            moves = () if move == TURN else (move,)
+            if self.perform(k, moves, end, needs, depth):
+                return True
+        return depth > 0 and self.by_two(k, depth)
 
     def perform(
-        self, k: int, moves: tuple[int, ...], forbidden: int, ancestors: int, depth: int
+        self, k: int, moves: tuple[int, ...], end: int, needs: tuple[int, ...], depth: int
     ) -> bool:
         """Clear the way for an operation, then take it; leaves nothing behind if it fails."""
-        agent = self.world.agents[k]
-        place = self.roadmap.moves.end[moves[-1]] if moves else agent.place
-        end, here = 1 << place, 1 << agent.place
-        if end & forbidden or (moves and not self.may_enter(k, moves)):
+        at, here = self.at, self.position[k]
+        in_way = False
+        for place in needs:
+            if at[place] != FREE:
+                if at[place] == TAKEN:
+                    return False
+                in_way = True
+        if self.pocketed and moves and not self.may_enter(k, moves):
             return False
-        need = self.room(agent, moves) & ~here
-        if need & (ancestors | self.settled):
+        if in_way and not self.clear(k, here, needs, depth):
             return False
-        mark = len(self.trail), len(self.found)
-        while hit := need & self.waiting & ~here:
-            low = hit & -hit
-            other = self.at[low.bit_length() - 1]
-            if not self.attempt(other, forbidden | need, ancestors | here, depth + 1):
-                self.undo(*mark)
-                return False
         self.found.append((k, moves))
-        self.settle(k, place)
+        self.settle(k, end)
         return True
 
-    def by_two(self, k: int, forbidden: int, ancestors: int, depth: int) -> bool:
+    def clear(self, k: int, here: int, needs: tuple[int, ...], depth: int) -> bool:
+        """Push away who is where robot k needs room, the lowest place first."""
+        at, needed = self.at, self.needed
+        trail, found, before = len(self.trail), len(self.found), at[here]
+        at[here] = TAKEN
+        for place in needs:
+            needed[place] += 1
+        done = True
+        for place in needs:
+            other = at[place]
+            if other >= 0 and not self.attempt(other, depth + 1):
+                self.undo(trail, found)
+                done = False
+                break
+        for place in needs:
+            needed[place] -= 1
+        at[here] = before
+        return done
+
+    def by_two(self, k: int, depth: int) -> bool:
         """Two moves in one: through room that a pushing robot needs, without ending in it. One-way
         lanes can only be left forwards.
         """
-        agent, moves = self.world.agents[k], self.roadmap.moves
+        agent, stops = self.agents[k], self.roadmap.places.stops
         looked_at = 0
-        for _, operation in self.options(k):
-            if not operation or not (1 << moves.end[operation[0]]) & forbidden:
+        for _, first, between, needs in self.options(k):
+            if first < 0 or not self.needed[between] or between >= stops:
                 continue
-            first = operation[0]
-            between = moves.end[first]
-            if between >= self.roadmap.places.stops:
+            if any(self.at[place] == TAKEN for place in needs):
                 continue
             heading = self.roadmap.heading_end[first]
-            for second in self.roadmap.leaving[between]:
-                end = moves.end[second]
-                if end == agent.place or end >= self.roadmap.places.stops:
+            for _, second, end, _, more in agent.costs.departures(between, heading):
+                if end == agent.place or end >= stops or second in self.world.closed_moves:
                     continue
-                if agent.costs.departure_s(between, heading, second) == INFINITE:
-                    continue
-                if second in self.world.closed_moves or second in agent.costs.closed_moves:
-                    continue
-                if not self.sound(agent, second):
+                if self.needed[end] or not self.sound(agent, second):
                     continue
                 looked_at += 1
                 self.tries += 1
                 if looked_at > PAIRS_MAX or self.tries > TRIES_MAX:
                     return False
-                if self.perform(k, (first, second), forbidden, ancestors, depth):
+                both = {*needs, *more, *self.extra(between, heading, second)} - {agent.place}
+                if self.perform(k, (first, second), end, tuple(sorted(both)), depth):
                     return True
         return False
 
     def settle(self, k: int, place: int) -> None:
         before = self.position[k]
         self.trail.append((k, before))
-        self.waiting &= ~(1 << before)
-        self.settled |= 1 << place
+        if before not in self.closed:
+            self.at[before] = FREE
+        self.at[place] = TAKEN
         self.position[k] = place
         self.decided[k] = True
 
     def undo(self, trail: int, found: int) -> None:
+        """Who is taken back was pushed, and so stood on no closed ground."""
         while len(self.trail) > trail:
             k, before = self.trail.pop()
-            self.settled &= ~(1 << self.position[k])
-            self.settled |= self.world.closed_places
-            self.waiting |= 1 << before
+            self.at[self.position[k]] = FREE
+            self.at[before] = k
             self.position[k] = before
             self.decided[k] = False
         del self.found[found:]
 
     # -- what a move needs
 
-    def room(self, agent: Agent, moves: tuple[int, ...]) -> int:
-        return room(self.world, agent.place, agent.heading_rad, moves, agent.goal)
+    def extra(self, place: int, heading_rad: float, move: int) -> tuple[int, ...]:
+        """What else must be empty, for bodies that stand otherwise than the map foresees."""
+        world = self.world
+        bits = world.more_need.get(move, 0)
+        if world.more_turning and turn_rad(heading_rad, self.roadmap.heading_start[move]):
+            bits |= world.more_turning.get(self.roadmap.places.point[place], 0)
+        return places_in(bits)
 
     def sound(self, agent: Agent, move: int) -> bool:
         """Would the robot still be able to get where it wants, or, without a goal, anywhere."""
@@ -205,17 +236,15 @@ class _Planner:
         """The token of a pocket: past nobody. All inside must have goals deeper than one's own,
         and none may want out; who has no goal inside enters an empty pocket only.
         """
-        pockets = self.roadmap.pockets
-        agent = self.world.agents[k]
-        here = pockets.pocket[agent.place]
+        here = self.pocket[self.agents[k].place]
         for move in moves:
-            pocket = pockets.pocket[self.roadmap.moves.end[move]]
+            pocket = self.pocket[self.roadmap.moves.end[move]]
             if pocket >= 0 and pocket != here and not self.token(k, pocket):
                 return False
         return True
 
     def token(self, k: int, pocket: int) -> bool:
-        agents = self.world.agents
+        agents = self.agents
         return has_token(
             self.roadmap,
             pocket,
@@ -223,22 +252,23 @@ class _Planner:
             [
                 place if (goal := agents[other].goal) is None else goal
                 for other, place in enumerate(self.position)
-                if other != k and self.roadmap.pockets.pocket[place] == pocket
+                if other != k and self.pocket[place] == pocket
             ],
         )
 
     # -- candidates
 
-    def options(self, k: int) -> list[tuple[float, Operation]]:
-        found = self._options.get(k)
+    def options(self, k: int) -> list[Option]:
+        found = self._options[k]
         if found is None:
-            agent = self.world.agents[k]
+            agent = self.agents[k]
             found = self._idle(agent) if agent.goal is None else self._bound(agent, agent.goal)
+            found.sort()
             self._options[k] = found
         return found
 
     def _usable(self, agent: Agent, move: int) -> bool:
-        if move in self.world.closed_moves or move in agent.costs.closed_moves:
+        if move in self.world.closed_moves:
             return False
         if self.world.closed_turns:
             point = self.roadmap.places.point[agent.place]
@@ -246,56 +276,62 @@ class _Planner:
             return not turn or point not in self.world.closed_turns
         return True
 
-    def _bound(self, agent: Agent, goal: int) -> list[tuple[float, Operation]]:
+    def _bound(self, agent: Agent, goal: int) -> list[Option]:
         """Moves of a robot with a goal: the cheapest way on first. Staying is priced from the best
         of them, not from a row: a guessed heading would make it stay for ever.
         """
-        taken = self.waiting | self.settled
-        pocket = self.roadmap.pockets.pocket
-        found: list[tuple[float, Operation]] = []
-        for value, move in agent.costs.ways(agent.place, agent.heading_rad, goal):
-            if self._usable(agent, move):
-                end = self.roadmap.moves.end[move]
-                value += OCCUPIED_S if taken >> end & 1 else 0.0
-                strange = pocket[end] not in (-1, pocket[agent.place], pocket[goal])
-                # a lane reserved in its middle is two dead ends, and one of them is the way out
-                away = strange and not agent.leaving
-                found.append((value + POCKET_S if away else value, (move,)))
-        if agent.place == goal:
-            found.append((0.0, None))
-            if self.roadmap.final_turn_rad(goal, agent.heading_rad) and agent.costs.can_turn(goal):
-                found.append((-1.0, ()))
+        at, place = self.at, agent.place
+        ways = agent.costs.candidates(place, agent.heading_rad, goal)
+        ways = self._as_it_stands(agent, ways)
+        found = [w if at[w[2]] == FREE else (w[0] + OCCUPIED_S, *w[1:]) for w in ways]
+        if self.pocketed and not agent.leaving:
+            # a lane reserved in its middle is two dead ends, and one of them is the way out
+            own = (-1, self.pocket[place], self.pocket[goal])
+            found = [w if self.pocket[w[2]] in own else (w[0] + POCKET_S, *w[1:]) for w in found]
+        if place == goal:
+            found.append((0.0, STAY, place, ()))
+            final = self.roadmap.final_turn_rad(goal, agent.heading_rad)
+            if final and agent.costs.can_turn(goal):
+                found.append((-1.0, TURN, place, places_in(turning_room(self.world, place))))
         elif found:
             best = min(found)[0]
-            found.append((best + STAY_S + agent.impatience_s, None))
+            found.append((best + STAY_S + agent.impatience_s, STAY, place, ()))
         else:
             return self._idle(agent)
-        found.sort(key=_price)
         return found
 
-    def _idle(self, agent: Agent) -> list[tuple[float, Operation]]:
+    def _as_it_stands(self, agent: Agent, ways: list[Way]) -> list[Way]:
+        """The same without what is closed just now, and with what else must be empty."""
+        world = self.world
+        if world.closed_moves or world.closed_turns:
+            ways = [way for way in ways if self._usable(agent, way[1])]
+        if not (world.more_need or world.more_turning):
+            return ways
+        found = []
+        for value, move, end, needs in ways:
+            more = {*self.extra(agent.place, agent.heading_rad, move)}
+            arriving = self.roadmap.heading_end[move]
+            if end == agent.goal and self.roadmap.final_turn_rad(end, arriving):
+                more |= {*places_in(turning_room(world, end))}
+            more = more.union(needs) - {agent.place}
+            found.append((value, move, end, tuple(sorted(more))))
+        return found
+
+    def _idle(self, agent: Agent) -> list[Option]:
         """Moves of a robot without a goal: it stays, and makes way if it is pushed."""
-        taken = self.waiting | self.settled
-        pocket = self.roadmap.pockets.pocket
-        found: list[tuple[float, Operation]] = [(0.0, None)]
-        for move in self.roadmap.leaving[agent.place]:
-            end = self.roadmap.moves.end[move]
-            turn = agent.costs.departure_s(agent.place, agent.heading_rad, move)
-            if end >= self.roadmap.places.stops or turn == INFINITE or agent.costs.trap[move]:
-                continue
-            if not self._usable(agent, move):
-                continue
-            value = turn + agent.costs.move_s[move]
-            value += IDLE_OCCUPIED_S if taken >> end & 1 else 0.0
-            value += IDLE_GOAL_S if self.goals >> end & 1 else 0.0
+        costs, pocket, stops = agent.costs, self.pocket, self.roadmap.places.stops
+        ways = [
+            (seconds, move, end, needs)
+            for seconds, move, end, _, needs in costs.departures(agent.place, agent.heading_rad)
+            if end < stops and not costs.trap[move]
+        ]
+        found: list[Option] = [(0.0, STAY, agent.place, ())]
+        for value, move, end, needs in self._as_it_stands(agent, ways):
+            value += IDLE_OCCUPIED_S if self.at[end] != FREE else 0.0
+            value += IDLE_GOAL_S if end in self.wanted else 0.0
             value += IDLE_POCKET_S if pocket[end] >= 0 and pocket[agent.place] < 0 else 0.0
-            found.append((value, (move,)))
-        found.sort(key=_price)
+            found.append((value, move, end, needs))
         return found
-
-
-def _price(option: tuple[float, Operation]) -> tuple[float, tuple[int, ...]]:
-    return option[0], option[1] or ()
 
 
 def room(
@@ -306,15 +342,26 @@ def room(
     bits = 0
     for move in moves:
         if turn_rad(heading_rad, roadmap.heading_start[move]):
-            bits |= _turning(world, place)
+            bits |= turning_room(world, place)
         bits |= roadmap.moves.need[move] | world.more_need.get(move, 0)
         place, heading_rad = roadmap.moves.end[move], roadmap.heading_end[move]
     if place == goal and roadmap.final_turn_rad(place, heading_rad):
-        bits |= _turning(world, place)
+        bits |= turning_room(world, place)
     return bits
 
 
-def _turning(world: World, place: int) -> int:
+def may_be_pushed(world: World, moves: tuple[int, ...]) -> bool:
+    """Is an operation of a robot that makes way neither shorter nor longer than such may be."""
+    if world.push_m_min <= 0.0 and world.push_m_max == INFINITE:
+        return True
+    roadmap = world.roadmap
+    paths = (path for move in moves for path in roadmap.moves.paths[move])
+    length_m = sum(roadmap.net.traces.length_m[path] for path in paths)
+    return world.push_m_min <= length_m <= world.push_m_max
+
+
+def turning_room(world: World, place: int) -> int:
+    """Bits of the places that must be empty for a turn in place."""
     places = world.roadmap.places
     return places.turning[place] | world.more_turning.get(places.point[place], 0)
 
