@@ -5,10 +5,12 @@ is pushed, recursively, and must end where no robot that pushes needs room. A pu
 `World`; what it proposes is committed elsewhere, against the grants of that moment.
 """
 
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import msgspec
 
+from scheduler.traffic.ahead import Ahead
 from scheduler.traffic.costs import INFINITE, Costs, Way, places_in
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.pockets import DEEPER_M
@@ -61,6 +63,9 @@ class World(msgspec.Struct, kw_only=True):
     # How far who is pushed may drive, and has to (linkMinDistance, linkMaxDistance).
     push_m_min: float = 0.0
     push_m_max: float = INFINITE
+    # For planners that look ahead: the moment, and what is under way by robot.
+    now_ms: int = 0
+    ahead: Mapping[str, Ahead] = {}
 
 
 class _Planner:
