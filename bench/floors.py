@@ -1,0 +1,262 @@
+"""Traffic with real footprints: orders per hour on lattices and in aisles, beside free flow.
+
+Run as `python -m bench.floors`, or with `--quick` for minutes instead of hours of simulation.
+Free flow is the same robots, delays and service times passing through each other. The setup is
+that of the design notes (traffic §11): 1.0 x 0.7 m and 5 cm around it, 1.2 m/s, 0.6 m/s², turns of
+1 rad/s, steps of 0.1 s, one move in ten late by an exponential time of 6 s in the mean.
+"""
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from ledger.ids import BinName, PointName
+from ledger.scene import Area, Bin, Group, Kinematics, Path, Point, PointKind
+from tests.scheduler.traffic.floor import DT_S, Floor
+
+GROUPS = (Group(id=0, name="g", kinematics=Kinematics(turn_radps2_max=1e6)),)
+LATE = 0.1
+WARM_UP_S = 120
+JUDGE_S = 0.5
+UNSERVED_S_MAX = 120
+AISLES, AISLE_M, BLIND, STUBS = 12, 18, (2, 6, 10), 11
+LANE_MAX = 2  # orders at a time into one aisle (traffic §11 rule 10)
+
+Row = dict[str, float | str]
+
+
+class Instance(msgspec.Struct, frozen=True, kw_only=True):
+    """One map with one number of robots, and what it is held against."""
+
+    name: str
+    robots: int
+    area: Callable[[], Area]
+    starts: Callable[[Area], list[PointName]]
+    goals: Callable[[Area], list[PointName]]
+    lanes: Callable[[Area], Mapping[PointName, str]] | None = None
+    service_s: float = 0.0
+    share: float = 0.0  # of free flow, at least
+    aim: float = 0.0
+    hours: float = 1.0  # simulated in the full run
+    quick_s: int = 600
+    seeds: int = 2
+
+
+def lattice(side: int, pitch_m: float, spacing_m: float) -> Area:
+    """Two-way lanes in a square lattice, with a point each `spacing_m` along them."""
+    points: dict[str, Point] = {}
+    paths: list[Path] = []
+    steps = round(pitch_m / spacing_m)
+
+    def point(i: int, j: int) -> PointName:
+        name = PointName(f"P{i}-{j}")
+        points.setdefault(name, Point(name=name, x_m=i * spacing_m, y_m=j * spacing_m))
+        return name
+
+    last = (side - 1) * steps
+    for lane in range(0, last + 1, steps):
+        for a, b in pairwise(range(last + 1)):
+            for start, end in ((point(a, lane), point(b, lane)), (point(lane, a), point(lane, b))):
+                paths += [Path(start=start, end=end), Path(start=end, end=start)]
+    return _area(list(points.values()), paths, [])
+
+
+def aisles(count: int, length_m: int, blind: Sequence[int], stubs: int) -> Area:
+    """Two-way single-lane aisles with a bin each metre between two cross lanes, points each half
+    metre, parking stubs off the lower lane; the aisles of the numbers `blind` are dead ends.
+    """
+    points: dict[PointName, Point] = {}
+    paths: list[Path] = []
+    bins: list[Bin] = []
+
+    def line(x_m: float, y_m: float, dx: int, dy: int, metres: float) -> None:
+        before: PointName | None = None
+        for k in range(round(metres * 2) + 1):
+            x, y = x_m + dx * k / 2, y_m + dy * k / 2
+            name = PointName(f"{x:.1f}/{y:.1f}")
+            points.setdefault(name, Point(name=name, x_m=x, y_m=y))
+            if before is not None:
+                paths.extend((Path(start=before, end=name), Path(start=name, end=before)))
+            before = name
+
+    for k in range(count):
+        line(k * 3.0, 0.0, 0, 1, length_m - (2 if k in blind else 0))
+        for y in range(2, length_m - 1):
+            name = PointName(f"{k * 3.0:.1f}/{y:.1f}")
+            points[name] = msgspec.structs.replace(points[name], kind=PointKind.ACTION)
+            bins.append(Bin(name=BinName(name), point=name))
+    line(0.0, 0.0, 1, 0, (count - 1) * 3.0)
+    line(0.0, float(length_m), 1, 0, (count - 1) * 3.0)
+    for k in range(stubs):
+        line(k * 3.0 + 1.5, 0.0, 0, -1, 2.5)
+        name = PointName(f"{k * 3.0 + 1.5:.1f}/-2.5")
+        points[name] = msgspec.structs.replace(points[name], kind=PointKind.PARKING)
+    return _area(list(points.values()), paths, bins)
+
+
+def _area(points: list[Point], paths: list[Path], bins: list[Bin]) -> Area:
+    return Area(
+        id=0,
+        name="floor",
+        map_name="floor",
+        map_digest="",
+        points=tuple(points),
+        paths=tuple(paths),
+        bins=tuple(bins),
+    )
+
+
+def _crossings(area: Area) -> list[PointName]:
+    """Points where lanes meet; not the corners, whose stop may be anywhere near them."""
+    leaving = Counter(path.start for path in area.paths)
+    return [point.name for point in area.points if leaving[point.name] > 2]
+
+
+def _ends(area: Area) -> list[PointName]:
+    return [point.name for point in area.points if point.kind is not PointKind.WAYPOINT]
+
+
+def _lanes(area: Area) -> dict[PointName, str]:
+    """Bins by aisle; parking stubs are in none."""
+    return {p.name: f"{p.x_m}" for p in area.points if p.kind is PointKind.ACTION}
+
+
+def _warehouse() -> Area:
+    return aisles(AISLES, AISLE_M, BLIND, STUBS)
+
+
+def _instances() -> list[Instance]:
+    found = [
+        Instance(
+            name="lattice 10 x 10",
+            robots=robots,
+            area=lambda: lattice(10, 2.0, 2.0),
+            starts=_crossings,
+            goals=_crossings,
+            hours=8.0,
+            seeds=1,
+        )
+        for robots in (4, 10, 20, 40)
+    ]
+    found += [
+        Instance(
+            name="fine lattice 15 x 15",
+            robots=robots,
+            area=lambda: lattice(15, 2.0, 0.5),
+            starts=_crossings,
+            goals=_crossings,
+            share=share,
+            aim=aim,
+        )
+        for robots, share, aim in ((15, 0.80, 0.85), (30, 0.69, 0.75), (60, 0.51, 0.60))
+    ]
+    found += [
+        Instance(
+            name="aisles, three dead ends",
+            robots=robots,
+            area=_warehouse,
+            starts=_ends,
+            goals=_ends,
+            lanes=_lanes,
+            service_s=10.0,
+            share=share,
+        )
+        for robots, share in ((10, 0.82), (20, 0.72), (30, 0.69))
+    ]
+    return found
+
+
+def floor(instance: Instance, seed: int, free_flow: bool = False) -> Floor:
+    """Robots spread over the map, with orders to random goals."""
+    area = instance.area()
+    names = instance.starts(area)
+    step = len(names) / instance.robots
+    return Floor(
+        area,
+        GROUPS,
+        {f"R{k:02d}": (names[int(k * step)], 0.0) for k in range(instance.robots)},
+        instance.goals(area),
+        seed=seed,
+        late=LATE,
+        service_s=instance.service_s,
+        lane_of=instance.lanes(area) if instance.lanes else None,
+        lane_max=LANE_MAX,
+        free_flow=free_flow,
+    )
+
+
+def measure(instance: Instance, seed: int, seconds: float) -> Row:
+    """One run under the judge and its control."""
+    control = floor(instance, seed, free_flow=True)
+    ours = floor(instance, seed)
+    for made in (control, ours):
+        for _ in range(round(WARM_UP_S / DT_S)):
+            made.tick()
+        made.begin()
+    start = time.process_time()
+    for _ in range(round(seconds / DT_S)):
+        control.tick()
+    ours.run(seconds, JUDGE_S)
+    free = control.orders_per_h()
+    return {
+        "orders_per_h": ours.orders_per_h(),
+        "free_flow_per_h": free,
+        "share": ours.orders_per_h() / free,
+        "unserved_s": ours.unserved_ms / 1000,
+        "still_s": ours.still_ms / 1000,
+        "cpu_s": time.process_time() - start,
+    }
+
+
+def row(instance: Instance, quick: bool) -> Row:
+    """All seeds of one instance: means, and the longest waits."""
+    seconds = instance.quick_s if quick else instance.hours * 3600
+    runs = [measure(instance, seed, seconds) for seed in range(1, instance.seeds + 1)]
+
+    def mean(key: str) -> float:
+        return sum(float(run[key]) for run in runs) / len(runs)
+
+    return {
+        "instance": instance.name,
+        "robots": instance.robots,
+        "ours": mean("share"),
+        "at_least": instance.share,
+        "aim": instance.aim,
+        "unit": "share of free flow",
+        "orders_per_h": mean("orders_per_h"),
+        "free_flow_per_h": mean("free_flow_per_h"),
+        "unserved_s": max(float(run["unserved_s"]) for run in runs),
+        "unserved_s_max": UNSERVED_S_MAX,
+        "simulated_s": seconds * len(runs),
+        "cpu_s": mean("cpu_s") * len(runs),
+    }
+
+
+def rows(quick: bool = False, only: str = "") -> list[Row]:
+    """Every instance, or those whose name has `only` in it."""
+    return [row(i, quick) for i in _instances() if only in f"{i.name} {i.robots}"]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--only", default="", help="instances with this in their names")
+    given = parser.parse_args()
+    found = rows(given.quick, given.only)
+    table = Table(title="traffic: floors")
+    for column in found[0]:
+        table.add_column(column, justify="right")
+    for line in found:
+        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in line.values()))
+    Console(width=200).print(table)
+
+
+if __name__ == "__main__":
+    main()
