@@ -38,6 +38,10 @@ class _Grid:
         (ax, ay), (bx, by) = self._at[robot], self._at[point]
         return abs(ax - bx) + abs(ay - by)
 
+    def has_room(self, robot: RobotName) -> bool:
+        """There always is."""
+        return True
+
     def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
         """Nothing is."""
         return ()

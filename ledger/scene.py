@@ -93,13 +93,15 @@ class Kinematics(Value, frozen=True, kw_only=True):
 
 
 class Group(Value, frozen=True, kw_only=True):
-    """Robots of one build: one footprint, one set of limits."""
+    """Robots of one build: one footprint empty, one loaded, one set of limits."""
 
     id: int
     name: str
     # corners counter-clockwise, metres, in the robot's frame: x forwards, origin = reference point
     footprint: tuple[XY, ...] = ((0.5, 0.35), (-0.5, 0.35), (-0.5, -0.35), (0.5, -0.35))
     kinematics: Kinematics = Kinematics()
+    # likewise, of robot and load together while it carries one; None = as without
+    footprint_loaded: tuple[XY, ...] | None = None
 
 
 class RobotVendor(StrEnum):

@@ -34,7 +34,7 @@ from ledger.link import Act, Cancel, DoorReport, LiftReport, Plan, Reconnect, Re
 from ledger.proposals import AnyProposal
 from ledger.state import Fleet, Order, Robot
 from scheduler.backoff import Backoff
-from scheduler.dispatch.execution import due_action, due_cancel, goals, is_busy
+from scheduler.dispatch.execution import due_action, due_cancel, goals, is_busy, takes_load
 from scheduler.dispatch.phases import ALL, QUICK, dispatch
 from scheduler.dispatch.stopped import stopped
 from scheduler.instructions import Telling
@@ -292,7 +292,8 @@ class Scheduler:
             for name, robot in view.robots.items()
             if stopped(robot) is not None or is_busy(view, robot)
         }
-        for message in site.steer(self._now_ms, wanted, busy):
+        loading = {name for name, robot in view.robots.items() if takes_load(view, robot)}
+        for message in site.steer(self._now_ms, wanted, busy, loading):
             self._link.tell(scene, message)
         for order in site.tell_devices(self._now_ms):
             self._devices.tell(scene, order)

@@ -21,6 +21,9 @@ class Roads(Protocol):
     def cost_s(self, robot: RobotName, point: PointName) -> float:
         """Give the driving time from where its committed moves end; infinite = no route."""
 
+    def has_room(self, robot: RobotName) -> bool:
+        """Tell whether it may take a load where it rests: it owns the ground for that."""
+
     def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
         """Name the owners whose reserved ground alone keeps the robot from there."""
 
@@ -53,6 +56,9 @@ class TrafficLike(Roads, Protocol):
     def observe(self, report: Report) -> None:
         """Place the robot at its first report, then follow its progress."""
 
+    def load(self, robot: RobotName, *, loaded: bool) -> None:
+        """Keep the ground of a loaded robot for it from now on, or of an empty one."""
+
     def lost(self, robot: RobotName) -> None:
         """Keep all that it holds, and wait for it no longer."""
 
@@ -74,6 +80,14 @@ class TrafficLike(Roads, Protocol):
 
     def plans(self, now_ms: int) -> list[Plan]:
         """Say what is intended with every robot."""
+
+    @property
+    def pushes(self) -> int:
+        """Count the robots that were sent out of the way of others."""
+
+    @property
+    def plannings(self) -> Mapping[str, int]:
+        """Count the plannings by what made them due."""
 
 
 TrafficFactory: TypeAlias = Callable[[SceneId, Area, Sequence[Group]], TrafficLike]

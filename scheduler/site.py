@@ -16,6 +16,8 @@ from scheduler.places import Place, find_places
 from scheduler.resources import Reservations
 from scheduler.roads import TrafficFactory, TrafficLike
 from scheduler.view import RobotView, View
+from scheduler.tally import Tally
+from scheduler.traffic.classes import carries
 from scheduler.waiting import Waiting
 from scheduler.watch import Watch, has_moved, watched
 
@@ -42,6 +44,7 @@ class Site:
         self._resets: set[RobotName] = set()  # asked for, and not done yet
         self.build(scene)
 
+        self._loading: AbstractSet[RobotName] = frozenset()
     def build(self, scene: Scene) -> None:
         """Lay the roads of a new map; robots are placed again from their newest reports."""
         self.scene = scene
@@ -121,7 +124,10 @@ class Site:
             self._expect(name, group, frozenset({report.area} & self.traffic.keys()))
             self._observe(report)
         if in_service:
+            self._load(name, carries(robot, report))
             if name in self._lost and not queue:
+        if not queue:
+            self._load(name, carries(robot, newest))
                 self._observe(newest)  # back, and nothing heard since
             self._lost.discard(name)
         elif queue or name not in self._lost:  # it still stands there, and no one else may
@@ -149,6 +155,10 @@ class Site:
 
     def _observe(self, report: Report) -> None:
         traffic = self.traffic.get(report.area)
+    def _load(self, name: RobotName, loaded: bool) -> None:
+        for area in self._expected.get(name, ()):
+            self.traffic[area].load(name, loaded=loaded or name in self._loading)
+
         if traffic is not None:
             traffic.observe(report)
 
@@ -243,6 +253,11 @@ class Site:
 
     @property
     def is_awaited(self) -> bool:
+    def has_room(self, robot: RobotName) -> bool:
+        """Ask the traffic of the robot's area."""
+        traffic = self._traffic_of(robot)
+        return traffic is not None and traffic.has_room(robot)
+
         """Whether a reservation has not been granted yet."""
         return self._reservations.pending
 
@@ -264,9 +279,16 @@ class Site:
         return self._reservations.due(self.scene.id, self.traffic)
 
     def steer(
-        self, now_ms: int, goals: Mapping[RobotName, Goal], busy: AbstractSet[RobotName]
+        self,
+        now_ms: int,
+        goals: Mapping[RobotName, Goal],
+        busy: AbstractSet[RobotName],
+        loading: AbstractSet[RobotName] = frozenset(),
     ) -> list[Drive | TellRoute]:
-        """Let every area's traffic move its robots."""
+        """Let every area's traffic move its robots; `loading` are about to take a load."""
+        self._loading = loading
+        for name in sorted(loading):
+            self._load(name, True)
         messages: list[Drive | TellRoute] = []
         doors = self.devices.doors(self.scene, now_ms) if self.scene.doors else {}
         for area, traffic in self.traffic.items():

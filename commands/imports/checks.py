@@ -124,10 +124,16 @@ def _check_bin(where: str, spot: Bin, names: set[PointName]) -> None:
 
 
 def _check_group(where: str, group: Group) -> None:
-    if len(group.footprint) < 3:
-        _refuse(f"{where}.footprint", f"{group.name} has less than three corners", group.name)
-    if not all(_within(x) and _within(y) for x, y in group.footprint):
-        _refuse(f"{where}.footprint", f"{group.name} is not within 100 km", group.name)
+    for field, corners in (
+        ("footprint", group.footprint),
+        ("footprint_loaded", group.footprint_loaded),
+    ):
+        if corners is None:
+            continue
+        if len(corners) < 3:
+            _refuse(f"{where}.{field}", f"{group.name} has less than three corners", group.name)
+        if not all(_within(x) and _within(y) for x, y in corners):
+            _refuse(f"{where}.{field}", f"{group.name} is not within 100 km", group.name)
     motion = group.kinematics
     for field, limit in (
         ("speed_mps_max", motion.speed_mps_max),

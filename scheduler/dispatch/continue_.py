@@ -13,7 +13,7 @@ from ledger.proposals import (
 from ledger.state import OrderKind
 from scheduler.current import Current
 from scheduler.dispatch.eligibility import trouble
-from scheduler.dispatch.execution import action, is_busy, place_of
+from scheduler.dispatch.execution import action, is_busy, place_of, takes_load
 from scheduler.dispatch.reasons import Why
 from scheduler.dispatch.stopped import stopped
 from scheduler.places import Place
@@ -131,6 +131,10 @@ def _obstacle(
         return None, {}
     if at.order.suspended:
         return Why.ORDER_SUSPENDED, {}
+    if takes_load(view, robot) and not view.roads.has_room(robot.name) and robot.blocked_by:
+        return Why.NO_ROOM_TO_LOAD, dict.fromkeys(
+            sorted(robot.blocked_by), Why.ROBOT_IN_THE_WAY.value
+        )
     paused = view.scene.config.traffic_paused
     if (not paused and robot.stuck_ms(at.order, now_ms) < STILL_MS) or is_busy(view, robot):
         return None, {}

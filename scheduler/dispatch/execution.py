@@ -108,6 +108,8 @@ def due_action(view: View, robot: RobotView, now_ms: int) -> Act | None:
     wanted = action(at.step, place)
     if wanted is None or wanted.wrong is not None:
         return None
+    if at.step.task.loads and not view.roads.has_room(robot.name):
+        return None
     return Act(
         robot=robot.name,
         id=at.attempt,
@@ -137,6 +139,17 @@ def due_cancel(view: View, robot: RobotView) -> Cancel | None:
 def is_acting(robot: RobotView) -> bool:
     """Tell whether an action runs, by its own report."""
     return _running(robot) is not None
+
+
+def takes_load(view: View, robot: RobotView) -> bool:
+    """Tell whether its step puts a load on it where it rests: now, or once there is room for it."""
+    at = robot.at
+    if at is None or not at.begun or not at.step.task.loads:
+        return False
+    if at.order.suspended and not is_acting(robot):
+        return False
+    place = place_of(view, at.step)
+    return place is not None and view.stands_at(robot, place)
 
 
 def is_busy(view: View, robot: RobotView) -> bool:

@@ -24,6 +24,7 @@ class Why(StrEnum):
     NO_ROUTE = "NoRoute"  # cannot drive to the order's first location
     GROUND_RESERVED = "GroundReserved"  # could get there, but for ground reserved for somebody
     CORRIDOR_FULL = "CorridorFull"  # robots enough are about in a single-lane aisle it leads to
+    NO_ROOM_TO_LOAD = "NoRoomToLoad"  # somebody is where its load would be
     ROBOT_BLOCKED = "RobotBlocked"  # has a way, but has not moved for long
     ROBOT_OBSTRUCTED = "RobotObstructed"  # its own sensors see something in the way
     ROBOT_IN_THE_WAY = "RobotInTheWay"  # stands or drives where another wants to go

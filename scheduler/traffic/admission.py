@@ -7,6 +7,7 @@ import shapely
 
 from ledger.ids import SceneId
 from ledger.link import Mark, Piece, Report
+from scheduler.traffic.classes import corners
 from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_along, widened
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.placing import Entry, entries, nearest_point, on_paths
@@ -21,6 +22,7 @@ OFF_MAP = "RobotOffMap"
 NOT_AT_STOP = "RobotNotAtStop"
 ROUTE_UNKNOWN = "RobotRouteUnknown"
 OLD_ROUTE = "RobotOnOldRoute"
+LOAD_CHANGED = "RobotLoadChanged"  # on its way; what was granted to it empty is all it gets
 
 
 class Admission:
@@ -49,11 +51,14 @@ class Admission:
         self.put(track, report, taken, keep_session=self._own(track, report))
 
     def wait_on_old_route(self, track: Track, report: Report, taken: int) -> None:
-        """A route of another map version is driven to its authority; then the robot is placed."""
+        """A route of another map version, or of another load, is driven to its authority; then the
+        robot is placed.
+        """
         there = report.authority
         at = report.progress
         near = at.piece == there.piece and at.along_m >= there.along_m - ARRIVED_M
-        if near and track.standing:
+        heard = report.session == track.session and there >= track.sent_authority
+        if near and track.standing and (heard or track.sent_authority == START):
             track.let_go(self.grants)
             self.put(track, report, taken, keep_session=False)
 
@@ -80,7 +85,7 @@ class Admission:
             x, y = net.points[point].x_m, net.points[point].y_m
             if legs and math.hypot(report.x_m - x, report.y_m - y) > MARGIN_M:
                 point = None  # it is on its way: what is left of the path is driven
-        place = None if point is None else self.roadmap.place.get(net.points[point].name)
+        place = None if point is None else self.roadmap.place_at.get(point)
         if place is not None and not taken >> place & 1:
             track.place, track.heading_rad = place, report.heading_rad
             self._claim(track, report, point)
@@ -100,6 +105,47 @@ class Admission:
         track.extend(build.pieces, build.slots, self.grants)
         track.place, track.heading_rad, track.trouble = entry.place, build.heading_rad, None
         del self.entries[track.name]
+
+    # -- its class changes (see `classes`)
+
+    def change_class(self, track: Track, loaded: bool) -> None:
+        """From here on moves are made for the other class. Those that were committed for an empty
+        robot are not driven on with a load: it stops where its authority ends, and is placed anew.
+        """
+        track.footprint = self.roadmap.classes.of(track.group, loaded=loaded)
+        track.reshaping = track.placed
+        if loaded and track.placed and not track.driven and track.trouble is None:
+            track.cut_back(self.grants)
+            track.place, track.trouble = None, LOAD_CHANGED
+
+    def reshape(self, track: Track, taken: int) -> bool:
+        """Take the ground of its class where it rests, if nobody is in the way; only then it gives
+        back what it had. Tells whether that is done.
+        """
+        report = track.report
+        if report is None or not (track.driven and track.standing) or track.promised:
+            return False
+        track.reshaping, track.crowded_by = False, ()
+        if track.place is None:
+            if track.trouble in (NOT_AT_STOP, OFF_MAP):
+                track.let_go(self.grants)
+                self.put(track, report, taken, keep_session=self._own(track, report))
+            return True
+        cell = self._rest(track, report, self.roadmap.places.point[track.place])
+        slot = Slot(cell=cell, end=track.end, commit=0)
+        if self.grants.is_shape(cell):
+            slot = Slot(cell=cell, end=None, commit=0, standing=True)
+        blockers = self.grants.blockers(cell, track.name, track.commit)
+        if blockers:
+            track.reshaping, track.crowded_by = True, tuple(sorted(set(blockers)))
+            self.grants.discard(cell)
+            return False
+        self.grants.take(cell, track.name)
+        for before in track.owned:
+            self.grants.release(before.cell, track.name)
+        track.owned.clear()
+        track.owned.append(slot)
+        return True
 
     # -- inside
 
@@ -127,30 +173,43 @@ class Admission:
 
     def _claim(self, track: Track, report: Report, point: int | None) -> None:
         """The rest cell if the robot stands as the map foresees, else its own body as a shape."""
-        if point is not None:
-            cell = self.roadmap.rest(track.footprint, point)
-            corners = widened(self.roadmap.groups[track.group].footprint, MARGIN_M / 2)
-            body = body_at(corners, report.x_m, report.y_m, report.heading_rad)
-            ground = self.roadmap.polygon(cell)
-            if ground.covers(body) and self.grants.free(cell, track.name, NEVER):
+        cell = None if point is None else self._rest(track, report, point)
+        if cell is not None and not self.grants.is_shape(cell):
+            if self.grants.free(cell, track.name, NEVER):
                 self.grants.take(cell, track.name)
                 track.owned.append(Slot(cell=cell, end=START, commit=0))
                 return
-        body = body_at(
-            self.roadmap.footprints[track.footprint], report.x_m, report.y_m, report.heading_rad
-        )
-        self._take_shape(track, body, None)
+            cell = None
+        self._take(track, self._shape(self._body(track, report)) if cell is None else cell, None)
 
-    def _take_shape(self, track: Track, shape: shapely.Polygon, end: Mark | None) -> None:
+    def _rest(self, track: Track, report: Report, point: int) -> int:
+        """The rest cell of a point if the body is on it, else a new shape of the body; untaken."""
+        kind = self.roadmap.groups[track.group]
+        loaded = track.footprint != self.roadmap.footprint_of[track.group]
+        near = widened(corners(kind, loaded=loaded), MARGIN_M / 2)
+        body = body_at(near, report.x_m, report.y_m, report.heading_rad)
+        cell = self.roadmap.rest(track.footprint, point)
+        if self.roadmap.polygon(cell).covers(body):
+            return cell
+        return self._shape(self._body(track, report))
+
+    def _body(self, track: Track, report: Report) -> shapely.Polygon:
+        widest = self.roadmap.footprints[track.footprint]
+        return body_at(widest, report.x_m, report.y_m, report.heading_rad)
+
+    def _shape(self, shape: shapely.Polygon) -> int:
+        """Make a cell of a shape; untaken."""
         others = [
             number
             for number, ring in sorted(self.grants.shapes().items())
             if shapely.Polygon(ring).intersects(shape)
         ]
         ring = tuple((x, y) for x, y in shapely.get_coordinates(shape)[:-1].tolist())
-        cell = self.grants.add_shape(ring, (*self.roadmap.meeting(shape), *others))
-        self.grants.take(cell, track.name)
-        track.owned.append(Slot(cell=cell, end=end, commit=0, standing=True))
+        return self.grants.add_shape(ring, (*self.roadmap.meeting(shape), *others))
+
+    def _take(self, track: Track, shape: int, end: Mark | None) -> None:
+        self.grants.take(shape, track.name)
+        track.owned.append(Slot(cell=shape, end=end, commit=0, standing=True))
 
     def _adopt(self, track: Track, report: Report, route: list[Piece]) -> None:
         """Take a committed route over as it was: the same commit numbers, owned up to the reported
@@ -165,7 +224,7 @@ class Admission:
             track.trouble = OLD_ROUTE
             for piece in route:
                 if piece.number <= report.authority.piece:
-                    self._take_shape(track, self._swept(track, piece), START)
+                    self._take(track, self._shape(self._swept(track, piece)), START)
             self._claim(track, report, None)
             return
         track.progress = report.progress

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from ledger.scene import Area, Group
 from scheduler.traffic.cells import Cells, lay_out
-from scheduler.traffic.geometry import MARGIN_M, PIECE_M, Floats, widened
+from scheduler.traffic.classes import Classes
+from scheduler.traffic.geometry import MARGIN_M, PIECE_M, Floats
 from scheduler.traffic.moves import Finder, Moves
 from scheduler.traffic.network import Network, network
 from scheduler.traffic.pockets import find
@@ -48,10 +49,10 @@ def compile_area(area: Area, groups: Sequence[Group], cache: FilePath | None = N
     digest = digest_of(area, groups)
     file = None if cache is None else cache / f"roadmap-{digest}.npz"
     net = network(area)
-    footprints, footprint_of = _footprints(groups)
+    classes = Classes(groups)
     parts = None if file is None else _load(file)
     if parts is None:
-        parts = _compile(net, footprints, groups[0])
+        parts = _compile(net, classes.footprints, groups[0])
         if file is not None:
             _save(file, *parts)
     cells, places, moves = parts
@@ -61,23 +62,12 @@ def compile_area(area: Area, groups: Sequence[Group], cache: FilePath | None = N
         area=area,
         net=net,
         groups=groups,
-        footprints=footprints,
-        footprint_of=footprint_of,
+        classes=classes,
         cells=cells,
         places=places,
         moves=moves,
         pockets=find(places, moves, lengths),
     )
-
-
-def _footprints(groups: Sequence[Group]) -> tuple[list[Floats], dict[int, int]]:
-    """Distinct footprints, widened; the last one contains all and chooses the stops for all."""
-    kinds = list(dict.fromkeys(group.footprint for group in groups))
-    known = {kind: k for k, kind in enumerate(kinds)}
-    hulls = [widened(kind) for kind in kinds]
-    if len(kinds) > 1:
-        hulls.append(widened([corner for kind in kinds for corner in kind]))
-    return hulls, {group.id: known[group.footprint] for group in groups}
 
 
 def _compile(net: Network, footprints: list[Floats], group: Group) -> tuple[Cells, Places, Moves]:

@@ -46,6 +46,12 @@ class Execution:
                 bits |= 1 << other.place
         return bits
 
+    def reshape(self) -> None:
+        """Give those at rest whose class has changed the ground of the new one, if it is free."""
+        for track in self.tracks.values():
+            if track.reshaping and self._admission.reshape(track, self.taken(track)):
+                self.freed = True
+
     def acquire(self, shut: Shut) -> None:
         """Grant ground in commit order, until nothing more comes free by it."""
         self.freed = False

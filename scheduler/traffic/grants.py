@@ -47,6 +47,11 @@ class Grants:
         del self._rings[shape]
         self._extra.pop(shape, None)
 
+    def discard(self, cell: int) -> None:
+        """Forget a foreign shape that nobody owns or is promised; nothing of any other cell."""
+        if cell in self._shapes and cell not in self._promises and cell not in self._owner:
+            self._drop_shape(cell)
+
     def shapes(self) -> dict[int, tuple[XY, ...]]:
         """All foreign shapes and their corners."""
         return self._rings
@@ -115,8 +120,7 @@ class Grants:
             del holders[owner]
             if not holders:
                 del self._owner[cell]
-                if cell >= self._cells and cell not in self._promises:
-                    self._drop_shape(cell)
+                self.discard(cell)
 
     def owners(self, cell: int) -> list[str]:
         """Who owns exactly this cell."""
@@ -143,8 +147,7 @@ class Grants:
     def withdraw(self, cell: int, owner: str, commit: int) -> None:
         """Take a promise back."""
         self._unqueue(cell, owner, commit)
-        if cell >= self._cells and cell not in self._promises and cell not in self._owner:
-            self._drop_shape(cell)
+        self.discard(cell)
 
     def _unqueue(self, cell: int, owner: str, commit: int) -> None:
         queue = self._promises[cell]

@@ -6,7 +6,8 @@ import shapely
 from ledger.ids import PointName
 from ledger.scene import XY, Area, Group, Kinematics
 from scheduler.traffic.cells import Cells
-from scheduler.traffic.geometry import Floats, placed, turn_rad
+from scheduler.traffic.classes import Classes
+from scheduler.traffic.geometry import placed, turn_rad
 from scheduler.traffic.kinematics import drive_s, halt_s, turn_s
 from scheduler.traffic.moves import Moves
 from scheduler.traffic.network import Network
@@ -23,20 +24,20 @@ class Roadmap:
         area: Area,
         net: Network,
         groups: list[Group],
-        footprints: list[Floats],
-        footprint_of: dict[int, int],
+        classes: Classes,
         cells: Cells,
         places: Places,
         moves: Moves,
         pockets: Pockets,
     ) -> None:
-        """`footprints` are the widened hulls, the last being that around all of them."""
+        """Put together what was compiled."""
         self.digest = digest
         self.area = area
         self.net = net
         self.groups = {group.id: group for group in groups}
-        self.footprints = footprints
-        self.footprint_of = footprint_of
+        self.classes = classes
+        self.footprints = classes.footprints  # the last is that around all of them
+        self.footprint_of = {group.id: classes.of(group.id) for group in groups}
         self.cells = cells
         self.places = places
         self.moves = moves

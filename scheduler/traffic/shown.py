@@ -38,6 +38,8 @@ class Shown:
         spaces = [self._space(slot.cell) for slot in islice(track.owned, SPACES_MAX)]
         barred = (o if o.startswith(DOOR) else f"{EXTERNAL}{o}" for o in track.barred)
         blockers = {*barred, *doors}
+        for name in track.crowded_by:
+            blockers.add(name if name in robots else f"{EXTERNAL}{name}")
         if track.promised:
             slot = track.promised[0]
             for name in self._grants.blockers(slot.cell, track.name, slot.commit):

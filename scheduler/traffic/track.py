@@ -75,6 +75,8 @@ class Track(msgspec.Struct, kw_only=True):
     barred: tuple[str, ...] = ()  # owners of reserved ground, or doors, that keep it from its goal
     commit: int = 0
     state: tuple[bool, bool] = (True, True)  # near its end, resting there: when last looked at
+    reshaping: bool = False  # it has not the ground of its class yet where it rests
+    crowded_by: tuple[str, ...] = ()  # who is in the way of that
 
     @property
     def aim(self) -> int | None:
@@ -207,6 +209,14 @@ class Track(msgspec.Struct, kw_only=True):
 
     def let_go(self, grants: Grants) -> None:
         """Give up everything: the robot is gone, or stands somewhere else."""
+    def cut_back(self, grants: Grants) -> None:
+        """Keep the ground that it owns, and no more of its route than reaches to its end."""
+        for slot in self.promised:
+            grants.withdraw(slot.cell, self.name, slot.commit)
+        self.promised.clear()
+        while self.pieces and self.pieces[-1][0].number > self.sent_piece:
+            self.pieces.pop()
+
         for slot in self.owned:
             grants.release(slot.cell, self.name)
         for slot in self.promised:

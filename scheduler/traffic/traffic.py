@@ -12,7 +12,7 @@ from ledger.link import Drive, Plan, Report, TellRoute
 from ledger.scene import XY, Area, Door, Group
 from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
-from scheduler.traffic.admission import OLD_ROUTE, Admission
+from scheduler.traffic.admission import LOAD_CHANGED, OLD_ROUTE, Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE, Costs
@@ -110,6 +110,15 @@ class Traffic:
             track.lost = True
             self._dirty = Due.LOST
 
+    def load(self, robot: RobotName, *, loaded: bool) -> None:
+        """It has something on it, or is about to; or nothing any more (see `classes`)."""
+        track = self._tracks.get(robot)
+        if track is None:
+            return
+        if track.footprint != self.roadmap.classes.of(track.group, loaded=loaded):
+            self._admission.change_class(track, loaded)
+            self._dirty = Due.ROBOTS
+
     def observe(self, report: Report) -> None:
         """Take in a report. Older ones than known, and ones from other areas, change nothing."""
         track = self._tracks.get(report.robot)
@@ -121,7 +130,7 @@ class Traffic:
         if not track.placed:
             self._admission.receive(track, report, self._execution.taken(track))
             self._news(track)
-        elif track.trouble == OLD_ROUTE:
+        elif track.trouble in (OLD_ROUTE, LOAD_CHANGED):
             self._admission.wait_on_old_route(track, report, self._execution.taken(track))
             self._dirty = Due.ROBOTS
         elif report.session == track.session:
@@ -232,6 +241,14 @@ class Traffic:
             return False
         return abs(self.roadmap.final_turn_rad(place, track.report.heading_rad)) <= HEADING_OK_RAD
 
+    def has_room(self, robot: RobotName) -> bool:
+        """Does it own the ground of a loaded robot where it rests."""
+        track = self._tracks.get(robot)
+        if track is None or track.trouble is not None:
+            return False
+        loaded = self.roadmap.classes.of(track.group, loaded=True)
+        return track.footprint == loaded and not track.reshaping
+
     def cost_s(self, robot: RobotName, point: PointName) -> float:
         """Seconds of driving from where its committed moves end; infinite = no way."""
         self._reserved.heed(self._tracks.values())
@@ -262,6 +279,7 @@ class Traffic:
         if not self.ready:
             return messages
         self._wish(now_ms, goals, busy)
+        self._execution.reshape()
         if self._execution.freed:
             self._execution.acquire(self._doors.shut)
         if self._dirty or now_ms >= self._plan_ms:

@@ -148,6 +148,9 @@ class SmallTraffic:
         self.known[report.robot] = report.x_m
         self.gone.discard(report.robot)
 
+    def load(self, robot: RobotName, *, loaded: bool) -> None:
+        assert robot in self.known
+
     def lost(self, robot: RobotName) -> None:
         assert robot in self.known
         self.gone.add(robot)
@@ -174,6 +177,9 @@ class SmallTraffic:
         if x_m is None or self.reserved(robot, point):
             return float("inf")
         return abs(self.at[point] - x_m)
+
+    def has_room(self, robot: RobotName) -> bool:
+        return True
 
     def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
         """Owners of ground that holds the point; the line leads past it all the same."""
@@ -202,6 +208,9 @@ class SmallTraffic:
             shapely.Point(x, 0.0) for r, x in self.known.items() if r != owner and x is not None
         ]
         return owned or not any(shapely.Polygon(g).covers(b) for g in rings for b in bodies)
+
+    pushes = 0
+    plannings: Mapping[str, int] = {}
 
     def plans(self, now_ms: int) -> list[Plan]:
         return [

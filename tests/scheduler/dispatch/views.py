@@ -36,6 +36,7 @@ class Line:
     ) -> None:
         self.x_m, self.points, self.cut = x_m, points, cut
         self.owners = owners or {}
+        self.crowded: set[str] = set()  # robots with no room for a load
 
     def stands_at(self, robot: RobotName, point: PointName) -> bool:
         return self.x_m[robot] == self.points[point]
@@ -44,6 +45,9 @@ class Line:
         if point in self.cut or point in self.owners:
             return float("inf")
         return abs(self.x_m[robot] - self.points[point])
+
+    def has_room(self, robot: RobotName) -> bool:
+        return robot not in self.crowded
 
     def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
         return self.owners.get(point, ())

@@ -1,0 +1,62 @@
+"""Footprint classes: a robot has the shape of its group, empty or loaded.
+
+Whoever takes a load needs the ground for it first: before the action begins it owns the loaded
+body's ground at its place, so that nobody drives where the load will be. After an action that puts
+the load down it gives back what it does not need any more. Moves are found for the widest class of
+all, so that a place is as good for a loaded robot as for an empty one; only the cells differ.
+"""
+
+from collections.abc import Sequence
+
+import shapely
+
+from ledger.link import Report
+from ledger.scene import XY, Group
+from ledger.state import BinStatus, Robot
+from scheduler.traffic.geometry import Floats, widened
+
+ON_BOARD = frozenset({BinStatus.FILLED, BinStatus.CANCELLED})
+
+
+def carries(robot: Robot, report: Report | None) -> bool:
+    """Tell whether something lies on the robot: by the ledger, or by its own word.
+
+    Either is enough: robots without sensors report no loads, and the ledger knows of no load that
+    somebody put there by hand.
+    """
+    reported = report is not None and bool(report.loads)
+    return reported or any(content.status in ON_BOARD for content in robot.bins)
+
+
+def corners(group: Group, *, loaded: bool) -> tuple[XY, ...]:
+    """Corners whose hull holds a body of this class; a load takes nothing away from the robot."""
+    if not loaded or group.footprint_loaded is None:
+        return group.footprint
+    return (*group.footprint, *group.footprint_loaded)
+
+
+def outline(group: Group, *, loaded: bool) -> shapely.Geometry:
+    """The true body of this class, in the robot's frame."""
+    empty = shapely.Polygon(group.footprint)
+    if not loaded or group.footprint_loaded is None:
+        return empty
+    return shapely.union(empty, shapely.Polygon(group.footprint_loaded))
+
+
+class Classes:
+    """The distinct footprints of some groups, numbered; widened hulls."""
+
+    def __init__(self, groups: Sequence[Group]) -> None:
+        """The last footprint contains all others and chooses the stops for all."""
+        self._groups = {group.id: group for group in groups}
+        kinds = dict.fromkeys(
+            corners(group, loaded=loaded) for group in groups for loaded in (False, True)
+        )
+        self._number = {kind: k for k, kind in enumerate(kinds)}
+        self.footprints: list[Floats] = [widened(kind) for kind in kinds]
+        if len(kinds) > 1:
+            self.footprints.append(widened([corner for kind in kinds for corner in kind]))
+
+    def of(self, group: int, *, loaded: bool = False) -> int:
+        """Number of the footprint of a robot of this group."""
+        return self._number[corners(self._groups[group], loaded=loaded)]
