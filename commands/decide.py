@@ -21,6 +21,7 @@ from commands import (
     scene_life,
     scenes,
     steps,
+    waits,
 )
 from commands.access import RecordAccess
 from commands.answers import SetAnswersWindow
@@ -78,6 +79,7 @@ from ledger.proposals import (
     FinishStep,
     GiveUpRobot,
     GrantMapResources,
+    NoteWaits,
     RecoverDevice,
     RejectAssignment,
     RejectExecution,
@@ -317,5 +319,7 @@ def decide_proposal(fleet: Fleet, proposal: AnyProposal, at_ms: int) -> Events:
             return devices.fault(fleet, proposal)
         case RecoverDevice():
             return devices.recover(fleet, proposal)
+        case NoteWaits():
+            return waits.note(fleet, proposal)
         case _:
             assert_never(proposal)

@@ -11,13 +11,14 @@ import structlog
 
 from fleetledger.clock import Clock
 from fleetledger.proposing import ProposalsAnswer
-from ledger.bus import EVENTS_KEY, PROPOSE_KEY, Bus, plans_key
+from ledger.bus import EVENTS_KEY, PROPOSE_KEY, Bus, counts_key, plans_key
 from ledger.events import AnyEvent
 from ledger.feed import FeedFollower
 from ledger.ids import RobotName, SceneId
 from ledger.link import DoorReport, Plan, Report
 from ledger.proposals import AnyProposal
 from ledger.scene import Area, Group
+from ledger.waits import Counts
 from scheduler.links.bus import BusLink
 from scheduler.links.devices import BusDevices, DeviceReport
 from scheduler.loop import Scheduler
@@ -100,7 +101,9 @@ class SchedulerRole:
         link = BusLink(bus)
         devices = BusDevices(bus)
         fleet = self._follower.start()
-        self.scheduler = Scheduler(fleet, self._propose, link, self._show, self._traffic, devices)
+        self.scheduler = Scheduler(
+            fleet, self._propose, link, self._show, self._traffic, devices, self._count
+        )
         devices.hear(self._inbox.device, _dropped)
         link.hear(
             self._inbox.report,
@@ -134,6 +137,9 @@ class SchedulerRole:
 
     def _show(self, scene: SceneId, plans: Sequence[Plan]) -> None:
         self._bus.publish(plans_key(scene), msgspec.json.encode(plans))
+
+    def _count(self, counts: Counts) -> None:
+        self._bus.publish(counts_key(counts.scene), msgspec.json.encode(counts))
 
     def _traffic(self, scene: SceneId, area: Area, groups: Sequence[Group]) -> Traffic:
         log.info("map is being compiled", scene=scene, area=area.name, points=len(area.points))

@@ -9,7 +9,7 @@ scheduler ─ asks `fleet/propose` (JSON array of proposals) ─► core
 robot ─ `scenes/S/robots/R/report` ─► scheduler, core
 robot is there as long as its token is: `scenes/S/robots/R/alive`
 scheduler ─ `scenes/S/robots/R/tell` ─► robot
-scheduler ─ `scenes/S/plans` ─► core
+scheduler ─ `scenes/S/plans`, `scenes/S/counts` (Counts of traffic) ─► core
 door or lift ─ `scenes/S/doors/ID/report`, `scenes/S/lifts/ID/report` ─► scheduler, core
 scheduler ─ `scenes/S/doors/ID/tell`, `scenes/S/lifts/ID/tell` ─► door or lift
 scheduler ─ `scenes/S/doors` (JSON array of DoorState) ─► core
@@ -50,6 +50,11 @@ def alive_key(scene: SceneId, robot: RobotName) -> str:
 def plans_key(scene: SceneId) -> str:
     """Where the scheduler publishes what it intends, for those who look on."""
     return f"scenes/{scene}/plans"
+
+
+def counts_key(scene: SceneId) -> str:
+    """Where the scheduler publishes what it has counted, for those who look on."""
+    return f"scenes/{scene}/counts"
 
 
 def door_report_key(scene: SceneId, door: int) -> str:

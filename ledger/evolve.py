@@ -11,6 +11,7 @@ from ledger.events import (
     OrderCreated,
     OrderEvent,
     ResourceEvent,
+    RobotsWaited,
     SceneEvent,
 )
 from ledger.events.orders import OfOrder
@@ -44,7 +45,8 @@ def evolve(fleet: Fleet, event: AnyEvent) -> None:
         evolve_resource(fleet, event)
     elif isinstance(event, DeviceEvent):
         evolve_device(fleet, event)
-    elif not isinstance(event, AccessEvent):  # who may call is kept elsewhere: these are its audit
+    elif not isinstance(event, AccessEvent | RobotsWaited):
+        # who may call is kept elsewhere, and these are its audit; what has been waited is history
         assert_never(event)
     fleet.position = event.position
     fleet.at_ms = event.at_ms

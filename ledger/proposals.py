@@ -9,6 +9,7 @@ from typing import TypeAlias
 from ledger.ids import OrderId, RobotName, SceneId, UnitId
 from ledger.scene import Value
 from ledger.state import Candidate, DeviceKind, OrderKind
+from ledger.waits import CycleSeen, WaitSum
 
 
 class Proposal(Value, frozen=True, kw_only=True, tag=True):
@@ -125,6 +126,17 @@ class RecoverDevice(Proposal, frozen=True, kw_only=True):
     device: int
 
 
+class NoteWaits(Proposal, frozen=True, kw_only=True):
+    """What robots have waited for since a moment, summed up."""
+
+    from_ms: int
+    waits: tuple[WaitSum, ...]
+    left_out_ms: int = 0
+    cycles: tuple[CycleSeen, ...] = ()
+    pushes: int = 0
+    plannings: dict[str, int] = {}
+
+
 AnyProposal: TypeAlias = (
     AssignOrder
     | WithdrawOrder
@@ -140,4 +152,5 @@ AnyProposal: TypeAlias = (
     | GrantMapResources
     | FaultDevice
     | RecoverDevice
+    | NoteWaits
 )

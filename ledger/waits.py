@@ -128,3 +128,23 @@ def cycles(waits: Iterable[Wait]) -> list[tuple[RobotName, ...]]:
                     if len(part) > 1:
                         found.append(tuple(sorted(part)))
     return sorted(found)
+
+
+class WaitSum(Value, frozen=True, kw_only=True):
+    """How long one robot has waited for the same, at the same place, in a stretch of time."""
+
+    robot: RobotName
+    reason: WaitReason
+    blockers: tuple[RobotName, ...] = ()
+    place: PointName | None = None
+    times: int = 1
+    total_ms: int = 0
+    longest_ms: int = 0  # of one time
+
+
+class CycleSeen(Value, frozen=True, kw_only=True):
+    """Robots that waited for each other, and until when; None = they still did."""
+
+    robots: tuple[RobotName, ...]
+    from_ms: int
+    until_ms: int | None = None

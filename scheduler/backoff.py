@@ -14,6 +14,7 @@ from ledger.proposals import (
     FaultDevice,
     GiveUpRobot,
     GrantMapResources,
+    NoteWaits,
     RecoverDevice,
 )
 from ledger.state import Fleet
@@ -70,6 +71,8 @@ def _subject(fleet: Fleet, proposal: AnyProposal) -> Subject:
             " ".join(sorted(proposal.units)),
             sum(c.at_ms for c in claims if c),
         )
+    if isinstance(proposal, NoteWaits):
+        return (what, proposal.scene, "", proposal.from_ms)
     order = fleet.orders.get(proposal.order)
     named = proposal.robot if isinstance(proposal, AssignOrder) else ""
     return (what, proposal.order, named, -1 if order is None else order.version)

@@ -20,6 +20,7 @@ from ledger.events import (
     RobotAdded,
     RobotReconnectAsked,
     RobotRemoved,
+    RobotsWaited,
     RobotTrafficReset,
     SceneEvent,
     SceneImported,
@@ -33,6 +34,7 @@ from ledger.ids import RobotKey, RobotName, SceneId, robot_key
 from ledger.link import Act, Cancel, DoorReport, LiftReport, Plan, Reconnect, Report
 from ledger.proposals import AnyProposal
 from ledger.state import Fleet, Order, Robot
+from ledger.waits import Counts
 from scheduler.backoff import Backoff
 from scheduler.dispatch.execution import due_action, due_cancel, goals, is_busy, takes_load
 from scheduler.dispatch.phases import ALL, QUICK, dispatch
@@ -57,9 +59,10 @@ SIGHTINGS_MAX = 100_000
 
 Propose: TypeAlias = Callable[[Sequence[AnyProposal]], Sequence[AnyEvent]]
 Plans: TypeAlias = Callable[[SceneId, Sequence[Plan]], None]
+Counted: TypeAlias = Callable[[Counts], None]
 
 _OF_SCENE = (*get_args(SceneEvent), *get_args(DeviceEvent))
-_NO_NEWS = (AssignmentRejected, ExecutionRejected, CommandAnswered, StepStarted)
+_NO_NEWS = (AssignmentRejected, ExecutionRejected, CommandAnswered, StepStarted, RobotsWaited)
 
 
 class Pace(msgspec.Struct, kw_only=True):
@@ -85,6 +88,7 @@ class Scheduler:
         plans: Plans,
         traffic: TrafficFactory,
         devices: DeviceLink | None = None,
+        counted: Counted = lambda counts: None,
     ) -> None:
         """Take the fleet over: from here on only the scheduler evolves it."""
         self._fleet = fleet
@@ -93,6 +97,7 @@ class Scheduler:
         self._plans = plans
         self._traffic = traffic
         self._devices = devices or NoDevices()
+        self._counted = counted
         self._backoff = Backoff()
         self._reconnects = Reconnects()
         self._telling = Telling()
@@ -191,6 +196,8 @@ class Scheduler:
             proposals.extend(site.reserve(self._fleet, robots, now_ms))
             site.devices.take_in(site.scene, now_ms)
             proposals.extend(site.devices.news(self._fleet, site.scene, now_ms))
+            if (sums := site.tally.due(scene, now_ms)) is not None:
+                proposals.append(sums)
             views[scene], found = self._dispatch(scene, site, robots)
             proposals.extend(found)
         fit = self._backoff.fit(self._fleet, proposals, now_ms) if proposals else []
@@ -304,6 +311,8 @@ class Scheduler:
         if self._now_ms - pace.plans_ms >= PLANS_MS:
             pace.plans_ms = self._now_ms
             self._show(scene, pace, site.take_plans(self._now_ms))
+            if pace.whole_ms == self._now_ms:
+                self._counted(site.tally.counts(scene, self._now_ms))
 
     def _show(self, scene: SceneId, pace: Pace, plans: Sequence[Plan]) -> None:
         """Tell those who look on what has changed, and now and then everything."""

@@ -1,5 +1,6 @@
 """One scene at work: its roads, its robots' newest reports, and what there is to remember."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 
@@ -15,9 +16,9 @@ from scheduler.goal import Goal
 from scheduler.places import Place, find_places
 from scheduler.resources import Reservations
 from scheduler.roads import TrafficFactory, TrafficLike
-from scheduler.view import RobotView, View
 from scheduler.tally import Tally
 from scheduler.traffic.classes import carries
+from scheduler.view import RobotView, View
 from scheduler.waiting import Waiting
 from scheduler.watch import Watch, has_moved, watched
 
@@ -35,6 +36,7 @@ class Site:
         self.plans: dict[RobotName, Plan] = {}
         self.changed = True  # something happened that dispatch should look at
         self.devices = SiteDevices(now_ms)
+        self.tally = Tally(now_ms)
         self._factory = traffic
         self._since_ms = now_ms
         self._queues: dict[RobotName, list[Report]] = {}
@@ -42,9 +44,9 @@ class Site:
         self._memo: dict[RobotName, tuple[tuple[Order, ...], Current | None]] = {}
         self._broken_doors: frozenset[str] = frozenset()
         self._resets: set[RobotName] = set()  # asked for, and not done yet
+        self._loading: AbstractSet[RobotName] = frozenset()
         self.build(scene)
 
-        self._loading: AbstractSet[RobotName] = frozenset()
     def build(self, scene: Scene) -> None:
         """Lay the roads of a new map; robots are placed again from their newest reports."""
         self.scene = scene
@@ -122,12 +124,12 @@ class Site:
         for report in queue:
             self._watches[name] = watched(self._watches.get(name), report, now_ms)
             self._expect(name, group, frozenset({report.area} & self.traffic.keys()))
-            self._observe(report)
-        if in_service:
             self._load(name, carries(robot, report))
-            if name in self._lost and not queue:
+            self._observe(report)
         if not queue:
             self._load(name, carries(robot, newest))
+        if in_service:
+            if name in self._lost and not queue:
                 self._observe(newest)  # back, and nothing heard since
             self._lost.discard(name)
         elif queue or name not in self._lost:  # it still stands there, and no one else may
@@ -153,12 +155,12 @@ class Site:
             return bool(queue)
         return has_moved(watch, queue[-1]) or any(report.route is not None for report in queue)
 
-    def _observe(self, report: Report) -> None:
-        traffic = self.traffic.get(report.area)
     def _load(self, name: RobotName, loaded: bool) -> None:
         for area in self._expected.get(name, ()):
             self.traffic[area].load(name, loaded=loaded or name in self._loading)
 
+    def _observe(self, report: Report) -> None:
+        traffic = self.traffic.get(report.area)
         if traffic is not None:
             traffic.observe(report)
 
@@ -251,13 +253,13 @@ class Site:
         traffic = self._traffic_of(robot)
         return () if traffic is None else traffic.reserved(robot, point)
 
-    @property
-    def is_awaited(self) -> bool:
     def has_room(self, robot: RobotName) -> bool:
         """Ask the traffic of the robot's area."""
         traffic = self._traffic_of(robot)
         return traffic is not None and traffic.has_room(robot)
 
+    @property
+    def is_awaited(self) -> bool:
         """Whether a reservation has not been granted yet."""
         return self._reservations.pending
 
@@ -317,6 +319,11 @@ class Site:
         """Ask what traffic intends; it also says which robots it can move."""
         plans = [plan for traffic in self.traffic.values() for plan in traffic.plans(now_ms)]
         self.plans = {plan.robot: plan for plan in plans}
+        self.tally.take((plan.wait for plan in plans if plan.wait is not None), now_ms)
+        plannings: Counter[str] = Counter()
+        for traffic in self.traffic.values():
+            plannings.update(traffic.plannings)
+        self.tally.count(sum(t.pushes for t in self.traffic.values()), plannings)
         return plans
 
 

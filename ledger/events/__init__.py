@@ -99,9 +99,20 @@ from ledger.events.scenes import (
     SceneRemoved,
     SceneRenamed,
 )
+from ledger.events.traffic import (
+    RobotsWaited,
+    TrafficEvent,
+)
 
 AnyEvent: TypeAlias = (
-    SceneEvent | RobotEvent | OrderEvent | ResourceEvent | DeviceEvent | AccessEvent | AnswerEvent
+    SceneEvent
+    | RobotEvent
+    | OrderEvent
+    | ResourceEvent
+    | DeviceEvent
+    | TrafficEvent
+    | AccessEvent
+    | AnswerEvent
 )
 
 # one class per event, in the order of the union; the aggregate names the MCAP topic's folder
@@ -111,6 +122,7 @@ EVENTS: dict[type[Event], str] = {
     **dict.fromkeys(get_args(OrderEvent), "orders"),
     **dict.fromkeys(get_args(ResourceEvent), "resources"),
     **dict.fromkeys(get_args(DeviceEvent), "devices"),
+    RobotsWaited: "traffic",
     **dict.fromkeys(get_args(AccessEvent), "access"),
     **dict.fromkeys(get_args(AnswerEvent), "commands"),
 }
@@ -176,6 +188,7 @@ __all__ = [
     "RobotTrafficReset",
     "RobotWentOffDuty",
     "RobotWentOnDuty",
+    "RobotsWaited",
     "Role",
     "SceneConfigured",
     "SceneDisabled",
@@ -195,6 +208,7 @@ __all__ = [
     "StepsAdded",
     "StepsChanged",
     "StepsDeleted",
+    "TrafficEvent",
     "UserAdded",
     "UserChanged",
     "UserRemoved",

@@ -359,6 +359,16 @@ class Traffic:
             for track in self._tracks.values()
         ]
 
+    @property
+    def pushes(self) -> int:
+        """How many robots have been sent out of the way of others."""
+        return self._waits.pushes
+
+    @property
+    def plannings(self) -> Mapping[str, int]:
+        """How often it was planned, by what made it due."""
+        return self._waits.plannings
+
     def waits(self, now_ms: int) -> Mapping[RobotName, Wait]:
         """Who waits just now, for whom and why."""
         floor = Floor(
