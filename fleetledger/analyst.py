@@ -125,7 +125,8 @@ class Analyst:
 
     def _send(self, process: asyncio.subprocess.Process, message: ToAnalyst) -> None:
         assert process.stdin is not None
-        process.stdin.write(written(message))
+        if not process.stdin.is_closing():  # else it has ended, and `_listen` tells who waits
+            process.stdin.write(written(message))
 
     async def _feed(self, process: asyncio.subprocess.Process) -> None:
         """Have the tables grow while nobody asks, so that whoever asks next need not wait."""

@@ -201,14 +201,16 @@ class Archive:
             self.commit(projector, give_way)
             told(self.position)
 
-    def newest(self, count: int, until: int) -> list[Order]:
-        """Give the newest created orders of those that ended at a position or before."""
+    def newest(self, count: int, until: int) -> list[tuple[Order, str]]:
+        """Give the newest created orders of those that ended at a position or before, each with
+        the name of its scene.
+        """
         found = self._connection.execute(
-            "SELECT body FROM orders_done WHERE done_position <= ? "
+            "SELECT body, scene_name FROM orders_done WHERE done_position <= ? "
             "ORDER BY created_on DESC, id LIMIT ?",
             [until, count],
         ).fetchall()
-        return [msgspec.json.decode(body, type=Order) for (body,) in found]
+        return [(msgspec.json.decode(body, type=Order), name) for body, name in found]
 
     def cursor(self, need: int = 0) -> duckdb.DuckDBPyConnection:
         """Give a reader of its own: a cursor must not be shared by threads.

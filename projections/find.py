@@ -216,7 +216,7 @@ def _of_memory(moment: Moment, asked: Asked, need: int | None) -> list[_Ranked]:
     part = None if asked.fuzzy is None else folded(asked.fuzzy)
     found = []
     for order in (*orders, *moment.ended):
-        scene = moment.scene_names.get(order.scene, "")
+        scene = moment.scene_name(order)
         if (part is None or part in folded(order.id)) and holds(order, scene):
             found.append(_entry(moment, asked, order))
     found.sort(key=lambda ranked: ranked.rank)
@@ -229,7 +229,7 @@ def _is_default(asked: Asked) -> bool:
 
 
 def _entry(moment: Moment, asked: Asked, order: Order) -> _Ranked:
-    scene = moment.scene_names.get(order.scene, "")
+    scene = moment.scene_name(order)
     values = [key.field.read(order, scene) for key in asked.sort]
     return _Ranked(rank=rank(asked.sort, values), row=partial(row, order, scene, asked.fields))
 
@@ -282,9 +282,8 @@ def _count_memory(moment: Moment, asked: Asked) -> int:
     if part is None and asked.condition == ALL:
         return len(orders)
     holds = predicate(asked.condition)
-    names = moment.scene_names
     return sum(
-        (part is None or part in folded(order.id)) and holds(order, names.get(order.scene, ""))
+        (part is None or part in folded(order.id)) and holds(order, moment.scene_name(order))
         for order in orders
     )
 

@@ -3,9 +3,10 @@
 import asyncio
 import heapq
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from threading import Lock
+from types import MappingProxyType
 
 from ledger.events import (
     AnyEvent,
@@ -14,6 +15,7 @@ from ledger.events import (
     OrderFinished,
     RobotRemoved,
     SceneRemoved,
+    SceneRenamed,
 )
 from ledger.evolve import evolve
 from ledger.evolve_order import order_after
@@ -46,6 +48,13 @@ class Moment(Value, frozen=True, kw_only=True):
     newest_are_all: bool  # DuckDB has no other
     in_order: bool  # creation times never fall along `orders`
     scene_names: dict[SceneId, str]
+    # of orders that ended under another name of their scene than it has now
+    names_at_end: Mapping[OrderId, str] = MappingProxyType({})
+
+    def scene_name(self, order: Order) -> str:
+        """Name of the order's scene: of a live one the present, of an ended one that at its end."""
+        name = self.names_at_end.get(order.id) if order.terminal else None
+        return name or self.scene_names.get(order.scene, "")
 
 
 class Live:
@@ -68,6 +77,7 @@ class Live:
         self._ended_at: deque[tuple[int, OrderId]] = deque()  # position of the last event, order
         self.history_position = fleet.position  # what ended until then is DuckDB's to know
         self._newest: tuple[Order, ...] = ()
+        self._names_at_end: dict[OrderId, str] = {}  # replaced, never changed: moments share it
         self._newest_are_all = True  # of those that ended since the start
         self._seeded = fleet.position == 0  # nothing had ended before
         created = [order.created_ms for order in fleet.orders.values()]
@@ -93,6 +103,8 @@ class Live:
                     self._newest_created_ms = max(self._newest_created_ms, event.at_ms)
                 elif isinstance(event, RobotRemoved | SceneRemoved):
                     self._drop(event)
+                elif isinstance(event, SceneRenamed):
+                    self._keep_name(event.scene)
                 evolve(self.fleet, event)
         while self._waiters and self._waiters[0][0] <= self.fleet.position:
             _, _, waiter = heapq.heappop(self._waiters)
@@ -109,6 +121,16 @@ class Live:
         for key in gone:
             for said in (self.reports, self.plans, self.recent):
                 said.pop(key, None)
+
+    def _keep_name(self, scene: SceneId) -> None:
+        """The scene gets another name: what ended in it keeps the one that DuckDB has."""
+        known = {order.id: order for order in (*self._newest, *self.finished.values())}
+        names = {id_: name for id_, name in self._names_at_end.items() if id_ in known}
+        before = self.fleet.scenes[scene].name
+        for id_, order in known.items():
+            if order.scene == scene:
+                names.setdefault(id_, before)
+        self._names_at_end = names
 
     def _end(self, event: OrderFinished | OrderCancelled) -> None:
         ended = order_after(self.fleet.orders[event.order], event)
@@ -132,11 +154,16 @@ class Live:
         self._remember(gone)
         self.history_position = max(self.history_position, position)
 
-    def seed(self, newest: Sequence[Order], *, are_all: bool) -> None:
-        """Take the newest created of all orders that had ended when this began."""
+    def seed(self, newest: Sequence[tuple[Order, str]], *, are_all: bool) -> None:
+        """Take the newest created of all orders that had ended when this began, each with the name
+        that its scene had.
+        """
         with self._lock:
             self._newest_are_all = self._newest_are_all and are_all
-            self._remember(newest)
+            self._remember([order for order, _ in newest])
+            scenes = self.fleet.scenes
+            odd = {o.id: name for o, name in newest if scenes[o.scene].name != name}
+            self._names_at_end = {**odd, **self._names_at_end}
             self._seeded = True
 
     def _remember(self, orders: Sequence[Order]) -> None:
@@ -187,6 +214,7 @@ class Live:
             newest_are_all=self._newest_are_all and remembered,
             in_order=in_order,
             scene_names={id_: scene.name for id_, scene in fleet.scenes.items()},
+            names_at_end=self._names_at_end,
         )
 
     async def wait(self, position: int, timeout_s: float = WAIT_S) -> bool:

@@ -92,7 +92,11 @@ async def ended(find: Find, scene: SceneId, at_ms: At | None) -> list[Shown]:
         kept = [order for order in moment.newest if order.scene == scene]
         if moment.newest_are_all or len(kept) >= ENDED_MAX:  # else older ones of it may be wanted
             kept += [order for order in moment.ended if order.scene == scene]
-            return list(newest(kept, ENDED_MAX))
+            names = moment.names_at_end
+            return [
+                row(order, names[order.id]) if order.id in names else order
+                for order in newest(kept, ENDED_MAX)
+            ]
     ends = tuple(Test(field=BY_NAME["status"], how=How.EQUAL, value=s.value) for s in TERMINAL)
     of_scene = Test(field=BY_NAME["sceneId"], how=How.EQUAL, value=scene)
     condition = Both(items=(of_scene, Either(items=ends)))

@@ -8,13 +8,14 @@ from typing import Any
 from ledger.events import (
     AnyEvent,
     CommandAnswered,
-    SceneDispatchResumed,
+    OrderCancelled,
+    OrderFinished,
+    SceneImported,
     SceneRenamed,
-    stamped,
 )
 from ledger.evolve import fold
 from ledger.evolve_order import order_after, order_created
-from ledger.ids import CommandId, OrderId
+from ledger.ids import CommandId, OrderId, SceneId
 from ledger.state import Fleet, Order
 from projections.archive import Archive
 from projections.find import Find
@@ -69,20 +70,7 @@ def long_log(count: int = 600, seed: int = 56) -> Log:
 
 @lru_cache
 def _long(count: int, seed: int) -> tuple[AnyEvent, ...]:
-    return tuple(_unnamed(event) for event in history(seed, count))
-
-
-def _unnamed(event: AnyEvent) -> AnyEvent:
-    """Keep the scene's name: whether orders that ended under another one show it is not settled."""
-    if not isinstance(event, SceneRenamed):
-        return event
-    return stamped(
-        SceneDispatchResumed(scene=event.scene),
-        event.position,
-        event.at_ms,
-        event.by,
-        event.command,
-    )
+    return tuple(history(seed, count))
 
 
 def all_orders(log: Log) -> dict[OrderId, Order]:
@@ -96,6 +84,19 @@ def all_orders(log: Log) -> dict[OrderId, Order]:
             order_after(orders[order], event) if order in orders else order_created(event)
         )
     return orders
+
+
+def scene_names(log: Log) -> dict[OrderId, str]:
+    """The name of each order's scene: where it has ended, the one of that time."""
+    orders = all_orders(log)
+    names: dict[OrderId, str] = {}
+    known: dict[SceneId, str] = {}
+    for event in log.events:
+        if isinstance(event, SceneImported | SceneRenamed):
+            known[event.scene] = event.name
+        elif isinstance(event, OrderFinished | OrderCancelled):
+            names[event.order] = known[event.scene]
+    return {id_: names.get(id_) or known[order.scene] for id_, order in orders.items()}
 
 
 class Side:

@@ -15,7 +15,7 @@ from projections.live import Live
 from projections.query import Asker, parse
 from projections.reading import Reader, TooSlow
 from projections.sorting import parse_sort
-from tests.projections.past import Log, Side, all_orders, archive_of, long_log
+from tests.projections.past import Log, Side, all_orders, archive_of, long_log, scene_names
 
 ASKER = Asker(user="alice", now_ms=0)
 LOG = long_log()
@@ -33,7 +33,8 @@ def side(tmp_path: Path) -> Iterator[Side]:
 def truth(log: Log, until: int) -> list[dict[str, Any]]:
     """All rows at a position, by ascending id."""
     orders = all_orders(Log(log.events[:until]))
-    return [row(orders[id_], "grid", FIELDS) for id_ in sorted(orders)]
+    names = scene_names(Log(log.events[:until]))
+    return [row(orders[id_], names[id_], FIELDS) for id_ in sorted(orders)]
 
 
 def asked(query: Any = None, sort: list[str] | None = None, fuzzy: str | None = None) -> Asked:
