@@ -20,7 +20,7 @@ class Mark(Value, frozen=True, kw_only=True, order=True):
 
 
 class Piece(Value, frozen=True, kw_only=True):
-    """One entry of a route: a turn in place, or one path driven whole."""
+    """One entry of a route: a turn in place, or one path or a part of it: exactly its `curve`."""
 
     number: int
     commit: int  # order in which traffic committed it; lower goes first wherever they meet
@@ -31,6 +31,7 @@ class Piece(Value, frozen=True, kw_only=True):
     heading_rad: float  # at the end of the piece
     curve: tuple[XY, ...]  # all Bezier control points, ends included; one point for a turn
     length_m: float  # radians turned, if it is a turn
+    inside: bool = False  # it ends inside the path, where the robot stands on no point
     backward: bool = False
     speed_mps_max: float | None = None
     acceleration_mps2_max: float | None = None

@@ -325,7 +325,7 @@ def _complete(robot: SimRobot, leg: Leg) -> None:
     if piece.number > robot.done.piece:
         robot.done = Mark(piece=piece.number, along_m=leg.length)
     if piece.path is not None:
-        robot.point = PointName(piece.path.rpartition("->")[2])
+        robot.point = None if piece.inside else PointName(piece.path.rpartition("->")[2])
     if not robot.legs or not robot.legs[0].joined:
         robot.speed = 0.0
 

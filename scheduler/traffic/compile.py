@@ -23,7 +23,8 @@ from scheduler.traffic.pockets import find
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.stops import Places, choose
 
-COMPILER = 4  # grows whenever the same area gives another roadmap
+PART_M = 3.0  # paths of twice this length and more are cut into parts of at least this
+COMPILER = 5  # grows whenever the same area gives another roadmap
 
 
 def digest_of(area: Area, groups: Sequence[Group]) -> str:
@@ -32,6 +33,7 @@ def digest_of(area: Area, groups: Sequence[Group]) -> str:
         COMPILER,
         PIECE_M,
         MARGIN_M,
+        PART_M,
         area.points,
         area.paths,
         sorted({bin.point for bin in area.bins}),
@@ -48,7 +50,7 @@ def compile_area(area: Area, groups: Sequence[Group], cache: FilePath | None = N
     groups = sorted(groups, key=lambda group: group.id)
     digest = digest_of(area, groups)
     file = None if cache is None else cache / f"roadmap-{digest}.npz"
-    net = network(area)
+    net = network(area, PART_M)
     classes = Classes(groups)
     parts = None if file is None else _load(file)
     if parts is None:

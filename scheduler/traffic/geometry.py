@@ -63,9 +63,7 @@ def headings_along(xy: Floats, steps: Floats) -> Floats:
 def poses_along(controls: Sequence[XY], count: int, backward: bool) -> tuple[float, Floats]:
     """Length in metres, and `count` poses at equal distances, both ends included: (count, 3)."""
     ends = np.asarray(controls, dtype=np.float64)
-    grid = np.linspace(0.0, 1.0, _GRID + 1)
-    xy, _ = bezier(ends, grid)
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*(xy[1:] - xy[:-1]).T))))
+    grid, along = _chords(ends)
     t = np.interp(np.linspace(0.0, along[-1], count), along, grid)
     xy, steps = bezier(ends, t)
     poses = np.column_stack((xy, headings_along(xy, steps) + (math.pi if backward else 0.0)))
@@ -91,16 +89,45 @@ def is_straight(controls: Sequence[XY]) -> bool:
 def cut_front(controls: Sequence[XY], along_m: float) -> tuple[XY, ...]:
     """Control points of what is left of a curve behind its first `along_m` metres."""
     ends = np.asarray(controls, dtype=np.float64)
+    grid, along = _chords(ends)
+    return _split(ends, float(np.interp(along_m, along, grid)))[1]
+
+
+def cut(controls: Sequence[XY], count: int, straight: bool) -> list[tuple[XY, ...]]:
+    """Control points of `count` parts of a curve of equal length."""
+    ends = np.asarray(controls, dtype=np.float64)
+    if straight:
+        at = [tuple(xy) for xy in np.linspace(ends[0], ends[-1], count + 1).tolist()]
+        return [(at[k], at[k + 1]) for k in range(count)]
+    grid, along = _chords(ends)
+    cuts = np.interp(np.linspace(0.0, along[-1], count + 1)[1:-1], along, grid).tolist()
+    found, before = [], 0.0
+    for t in cuts:
+        front, rest = _split(ends, (t - before) / (1 - before))
+        found.append(front)
+        ends, before = np.asarray(rest), t
+    return [*found, tuple((x, y) for x, y in ends.tolist())]
+
+
+def _chords(ends: Floats) -> tuple[Floats, Floats]:
+    """Parameters of a curve, and how far along it they are in metres."""
     grid = np.linspace(0.0, 1.0, _GRID + 1)
     xy, _ = bezier(ends, grid)
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*(xy[1:] - xy[:-1]).T))))
-    t = float(np.interp(along_m, along, grid))
-    rest = [tuple(ends[-1].tolist())]
-    level = ends
+    return grid, np.concatenate(([0.0], np.cumsum(np.hypot(*(xy[1:] - xy[:-1]).T))))
+
+
+def _split(ends: Floats, t: float) -> tuple[tuple[XY, ...], tuple[XY, ...]]:
+    """Control points before and behind a parameter, by de Casteljau."""
+    front, rest, level = [ends[0]], [ends[-1]], ends
     while len(level) > 1:
         level = level[:-1] * (1 - t) + level[1:] * t
-        rest.append(tuple(level[-1].tolist()))
-    return tuple(reversed(rest))
+        front.append(level[0])
+        rest.append(level[-1])
+    return _corners(front), _corners(rest[::-1])
+
+
+def _corners(points: Sequence[Floats]) -> tuple[XY, ...]:
+    return tuple((float(x), float(y)) for x, y in points)
 
 
 class Traces(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -1,12 +1,15 @@
 """An area as numbered points and paths: the form that everything below the names works on."""
 
 import heapq
+import math
+from collections.abc import Set
 
 import msgspec
 
-from ledger.ids import PointName
+from ledger.ids import PathKey, PointName
 from ledger.scene import Area, Path, Point, PointKind
-from scheduler.traffic.geometry import LENGTH_M_MIN, SMOOTH_RAD, Traces, is_straight, trace, wrap
+from scheduler.traffic.geometry import SMOOTH_RAD, Traces, trace, wrap
+from scheduler.traffic.parts import parts
 
 GOAL_KINDS = frozenset({PointKind.ACTION, PointKind.PARKING, PointKind.CHARGING})
 
@@ -14,9 +17,10 @@ GOAL_KINDS = frozenset({PointKind.ACTION, PointKind.PARKING, PointKind.CHARGING}
 class Network(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Points and usable paths of one area in the order of the file."""
 
-    points: list[Point]
-    number: dict[PointName, int]
-    paths: list[Path]  # both ends known, and longer than 1 mm
+    points: list[Point]  # of the area, and behind them those inside its long paths
+    named: int  # how many are points of the area
+    number: dict[PointName, int]  # of these
+    paths: list[Path]  # which each one is, or is a part of
     start: list[int]
     end: list[int]
     out: list[list[int]]  # point -> paths that begin there
@@ -26,21 +30,16 @@ class Network(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     goals: frozenset[int]  # points where something is done: by kind, or because a bin is there
 
 
-def network(area: Area) -> Network:
-    """Number an area; paths with an unknown end or no length are left out (see `check`)."""
+def network(area: Area, part_m: float = math.inf, whole: Set[PathKey] = frozenset()) -> Network:
+    """Number an area; paths with an unknown end or no length are left out (see `check`), and those
+    of twice `part_m` and more are cut, but for those named in `whole`.
+    """
     points = list(area.points)
-    number = {point.name: k for k, point in enumerate(points)}
-    paths, curves = [], []
-    for path in area.paths:
-        if path.start in number and path.end in number:
-            first, last = points[number[path.start]], points[number[path.end]]
-            curve = ((first.x_m, first.y_m), *path.controls, (last.x_m, last.y_m))
-            if is_straight(curve) or _extent_m(curve) > LENGTH_M_MIN:
-                paths.append(path)
-                curves.append(curve)
-    traces = trace(curves, [path.backward for path in paths])
-    start = [number[path.start] for path in paths]
-    end = [number[path.end] for path in paths]
+    named, number = len(points), {point.name: k for k, point in enumerate(points)}
+    found = parts(area, points, part_m, whole)
+    paths = [part.path for part in found]
+    start, end = [part.start for part in found], [part.end for part in found]
+    traces = trace([part.curve for part in found], [path.backward for path in paths])
     out: list[list[int]] = [[] for _ in points]
     neighbours: list[set[int]] = [set() for _ in points]
     headings: list[list[float]] = [[] for _ in points]
@@ -55,10 +54,13 @@ def network(area: Area) -> Network:
             _note(headings[k], point.heading_rad)
     binned = {bin.point for bin in area.bins}
     goals = frozenset(
-        k for k, point in enumerate(points) if point.kind in GOAL_KINDS or point.name in binned
+        k
+        for k, point in enumerate(points[:named])
+        if point.kind in GOAL_KINDS or point.name in binned
     )
     return Network(
         points=points,
+        named=named,
         number=number,
         paths=paths,
         start=start,
@@ -69,11 +71,6 @@ def network(area: Area) -> Network:
         neighbours=neighbours,
         goals=goals,
     )
-
-
-def _extent_m(curve: tuple[tuple[float, float], ...]) -> float:
-    xs, ys = [xy[0] for xy in curve], [xy[1] for xy in curve]
-    return max(max(xs) - min(xs), max(ys) - min(ys))
 
 
 def _note(known: list[float], heading: float) -> None:

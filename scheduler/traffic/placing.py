@@ -115,7 +115,7 @@ def entries(
             continue
         done.add(path)
         end = net.end[path]
-        place = roadmap.place.get(net.points[end].name)
+        place = roadmap.place_at.get(end)
         # On through a stop, too: it may be taken, and the one behind it free.
         if place is not None and place < roadmap.places.stops and place not in ended:
             ended.add(place)

@@ -42,8 +42,9 @@ class Roadmap:
         self.places = places
         self.moves = moves
         self.pockets = pockets
+        self.place_at = {point: k for k, point in enumerate(places.point)}
         self.place: dict[PointName, int] = {
-            net.points[point].name: k for k, point in enumerate(places.point)
+            net.points[point].name: k for point, k in self.place_at.items() if point < net.named
         }
         traces = net.traces
         self.heading_start = [traces.heading_start[paths[0]] for paths in moves.paths]

@@ -78,6 +78,7 @@ class Builder:
                     heading_rad=heading,
                     curve=cut_front(curve, leg.from_m) if leg.from_m else curve,
                     length_m=net.traces.length_m[leg.path] - leg.from_m,
+                    inside=net.end[leg.path] >= net.named,
                     backward=path.backward,
                     speed_mps_max=path.speed_mps_max,
                     acceleration_mps2_max=path.acceleration_mps2_max,
@@ -112,7 +113,6 @@ def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Sl
     """The cells of a route that was committed before a restart, under its old commit numbers;
     None if the route is not of this roadmap.
     """
-    paths = {path.key: k for k, path in enumerate(roadmap.net.paths)}
     points = {(point.x_m, point.y_m): k for k, point in enumerate(roadmap.net.points)}
     slots: list[Slot] = []
     point: int | None = None
@@ -125,7 +125,7 @@ def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Sl
                 return None
             cells = [(roadmap.disc(footprint, point), piece.length_m)]
         else:
-            path = paths.get(piece.path)
+            path = _part(roadmap, piece)
             if path is None:
                 return None
             point = roadmap.net.end[path]
@@ -156,7 +156,18 @@ def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Sl
 def end_of(roadmap: Roadmap, piece: Piece) -> int | None:
     """The place where a route with this last piece ends; None if that is none."""
     if piece.path is None:
-        at = {(point.x_m, point.y_m): point.name for point in roadmap.net.points}
-        return roadmap.place.get(at[piece.curve[0]]) if piece.curve[0] in at else None
-    paths = {path.key: path.end for path in roadmap.net.paths}
-    return roadmap.place.get(paths[piece.path]) if piece.path in paths else None
+        points = {(point.x_m, point.y_m): k for k, point in enumerate(roadmap.net.points)}
+        point = points.get(piece.curve[0])
+    else:
+        path = _part(roadmap, piece)
+        point = None if path is None else roadmap.net.end[path]
+    return None if point is None else roadmap.place_at.get(point)
+
+
+def _part(roadmap: Roadmap, piece: Piece) -> int | None:
+    """The path, or the part of one, that a piece is driven over: it has the same end."""
+    net = roadmap.net
+    for k, path in enumerate(net.paths):
+        if path.key == piece.path and net.traces.curves[k][-1] == piece.curve[-1]:
+            return k
+    return None

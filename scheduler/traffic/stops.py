@@ -70,7 +70,7 @@ def _candidates(net: Network, cells: Cells, footprint: int) -> list[int]:
     kept = (PointKind.CHARGING, PointKind.PARKING)
     first = [k for k, point in enumerate(net.points) if point.kind in kept]
     lanes = [k for k in range(len(net.points)) if k not in junctions and clear(k)]
-    lanes.sort(key=lambda k: (k not in net.goals, far[k], net.points[k].name))
+    lanes.sort(key=lambda k: (k not in net.goals, k >= net.named, far[k], net.points[k].name))
     crossings = sorted(junctions, key=lambda k: net.points[k].name)
     order = dict.fromkeys((*first, *lanes, *crossings))
     return [k for k in order if net.neighbours[k] and passable(net, k)]
@@ -87,7 +87,7 @@ def choose(net: Network, cells: Cells, footprint: int) -> Places:
             barred.add(point)
             barred |= found[point]
     taken = set(chosen)
-    left = [k for k in range(len(net.points)) if k not in taken and net.neighbours[k]]
+    left = [k for k in range(net.named) if k not in taken and net.neighbours[k]]
     if len(left) > GOAL_ONLY_MAX:
         left = [k for k in left if k in net.goals]
     points = chosen + left

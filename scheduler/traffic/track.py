@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
+from itertools import groupby
 from typing import TypeAlias
 
 import msgspec
@@ -137,8 +138,8 @@ class Track(msgspec.Struct, kw_only=True):
         return report is not None and abs(report.speed_mps) < 0.01 and abs(report.turn_radps) < 0.01
 
     def untravelled(self) -> tuple[PathKey, ...]:
-        """Paths still to be driven, the one it is on included."""
-        return tuple(
+        """Paths still to be driven, the one it is on included; parts of one count once."""
+        left = (
             piece.path
             for piece, _ in self.pieces
             if piece.path is not None
@@ -150,6 +151,7 @@ class Track(msgspec.Struct, kw_only=True):
                 )
             )
         )
+        return tuple(path for path, _ in groupby(left))
 
     def extend(self, pieces: list[Piece], slots: list[Slot], grants: Grants) -> None:
         """Append a committed move: its pieces to the route, its cells as promises."""

@@ -175,6 +175,6 @@ def test_the_digest_changes_with_what_matters_and_with_nothing_else():
 def test_on_real_maps_every_point_can_be_reached_and_left(name):
     roadmap = compile_area(smap(name), GROUPS)
     costs = Costs(roadmap, GROUPS[0].kinematics)
-    assert len(roadmap.place) == len(roadmap.net.points)
+    assert len(roadmap.place) == roadmap.net.named
     for goal in range(len(roadmap.place)):
         assert max(costs.row(goal)[s] for m, s in enumerate(costs.state)) < math.inf
