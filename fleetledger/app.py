@@ -11,7 +11,7 @@ from threading import Event as Flag
 from typing import Any
 
 import structlog
-from prometheus_client import Gauge
+from prometheus_client import REGISTRY, Gauge
 from starlette.types import ASGIApp
 
 import commands.api.m4
@@ -49,6 +49,7 @@ from fleetledger.rebuild_bar import RebuildBar
 from fleetledger.sealer import Sealer
 from fleetledger.secrets import Secrets
 from fleetledger.start_check import check_folder, open_ledger, usable
+from fleetledger.traffic_figures import TrafficFigures
 from ledger.bus import PROPOSE_KEY
 from ledger.errors import LedgerError, Refused
 from ledger.events import AnyEvent
@@ -257,6 +258,10 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
             live.devices,
             core.clock.now_ms,
         )
+        figures = TrafficFigures(live.plans, core.clock.now_ms)
+        figures.hear(bus)
+        REGISTRY.register(figures)
+        stack.callback(REGISTRY.unregister, figures)
         intake.start()
         stack.callback(intake.stop)
         _feed(stack, core, bus)

@@ -59,23 +59,24 @@ class Tally:
         for robot, wait in found.items():
             key = (robot, wait.reason, wait.blockers, wait.place)
             known = before.get(robot)
-            if known is not None and known[0] == key:
+            goes_on = known is not None and known[0] == key
+            if known is not None and goes_on:
                 _, since_ms, until_ms = known
             else:  # whoever waits has stood for a little before it was said
-                since_ms = until_ms = now_ms if known is not None else min(wait.since_ms, now_ms)
+                since_ms = now_ms if known is not None else min(wait.since_ms, now_ms)
                 since_ms = until_ms = max(since_ms, self._from_ms)
             self._open[robot] = key, since_ms, now_ms
-            self._add(key, since_ms, until_ms, now_ms)
+            self._add(key, since_ms, until_ms, now_ms, goes_on=goes_on)
         self._take_rings(cycles(found.values()), now_ms)
 
-    def _add(self, key: _Key, since_ms: int, until_ms: int, now_ms: int) -> None:
+    def _add(self, key: _Key, since_ms: int, until_ms: int, now_ms: int, *, goes_on: bool) -> None:
         found = self._sums.get(key)
         if found is None:
             if len(self._sums) >= KEYS_MAX:
                 self._rest_ms += now_ms - until_ms
                 return
             found = self._sums[key] = _Sum()
-        found.times += since_ms == until_ms or not found.times
+        found.times += not goes_on or not found.times
         found.total_ms += now_ms - until_ms
         found.longest_ms = max(found.longest_ms, now_ms - since_ms)
 

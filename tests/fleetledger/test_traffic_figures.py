@@ -1,0 +1,55 @@
+import msgspec
+from prometheus_client import CollectorRegistry, generate_latest
+
+from fleetledger.traffic_figures import STALE_MS, TrafficFigures
+from ledger.bus import MemoryBus, counts_key
+from ledger.ids import RobotKey, RobotName, SceneId, robot_key
+from ledger.link import Plan
+from ledger.waits import Counts, Wait, WaitReason
+
+SCENE = SceneId("0123456789abcdef01234567")
+
+
+def plan(name: str, at_ms: int, since_ms: int | None = None) -> tuple[RobotKey, Plan]:
+    robot = RobotName(name)
+    wait = None
+    if since_ms is not None:
+        wait = Wait(robot=robot, since_ms=since_ms, reason=WaitReason.DOOR)
+    made = Plan(scene=SCENE, robot=robot, at_ms=at_ms, ready=True, wait=wait)
+    return robot_key(SCENE, robot), made
+
+
+def figures(plans: dict[RobotKey, Plan], bus: MemoryBus) -> list[str]:
+    made = TrafficFigures(plans, lambda: 100_000)
+    made.hear(bus)
+    counts = Counts(scene=SCENE, at_ms=1, plannings={"Goals": 7, "Pace": 2}, pushes=3, cycles=1)
+    bus.publish(counts_key(SCENE), msgspec.json.encode(counts))
+    bus.publish(counts_key(SCENE), b"nonsense")
+    registry = CollectorRegistry()
+    registry.register(made)
+    return generate_latest(registry).decode().splitlines()
+
+
+def test_robots_that_wait_are_counted_by_reason_and_the_longest_is_told():
+    lines = figures(
+        dict(
+            [
+                plan("A", 99_000, since_ms=60_000),
+                plan("B", 99_000, since_ms=90_000),
+                plan("C", 99_000),
+                plan("D", 100_000 - STALE_MS - 1, since_ms=0),  # its scheduler has gone
+            ]
+        ),
+        MemoryBus(),
+    )
+    waiting = "fleetledger_traffic_waiting_robots"
+    assert f'{waiting}{{reason="Door",scene="{SCENE}"}} 2.0' in lines
+    assert f'{waiting}{{reason="Late",scene="{SCENE}"}} 0.0' in lines
+    assert f'fleetledger_traffic_longest_wait_seconds{{scene="{SCENE}"}} 40.0' in lines
+
+
+def test_what_the_scheduler_counts_is_told_as_counters():
+    lines = figures({}, MemoryBus())
+    assert f'fleetledger_traffic_plannings_total{{due="Goals",scene="{SCENE}"}} 7.0' in lines
+    assert f'fleetledger_traffic_pushes_total{{scene="{SCENE}"}} 3.0' in lines
+    assert f'fleetledger_traffic_wait_cycles_total{{scene="{SCENE}"}} 1.0' in lines
