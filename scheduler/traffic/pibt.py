@@ -92,10 +92,14 @@ class _Planner:
             self.at[agent.place] = TAKEN if agent.fixed else k
         for place in self.closed:
             self.at[place] = TAKEN
+        self.overlaid = bool(
+            world.closed_moves or world.closed_turns or world.more_need or world.more_turning
+        )
         self.found: list[tuple[int, tuple[int, ...]]] = []
         self.trail: list[tuple[int, int]] = []  # agent, place before
         self.visits: dict[int, int] = {}
         self.tries = 0
+        self.limited = world.push_m_min > 0.0 or world.push_m_max < INFINITE
         self._options: list[list[Option] | None] = [None] * len(world.agents)
 
     def run(self) -> list[tuple[int, tuple[int, ...]]]:
@@ -126,7 +130,7 @@ class _Planner:
             self.tries += 1
             if self.tries > TRIES_MAX:
                 return False
-            if needed[end]:
+            if needed[end] or (depth and self.limited and self.bars_push((move,))):
                 continue
             if needs == (end,) and at[end] == FREE and not self.pocketed:
                 self.found.append((k, (move,)))
@@ -182,7 +186,9 @@ class _Planner:
         agent, stops = self.agents[k], self.roadmap.places.stops
         looked_at = 0
         for _, first, between, needs in self.options(k):
-            if first < 0 or not self.needed[between] or between >= stops:
+            if first < 0 or between >= stops:
+                continue
+            if not self.needed[between] and not (self.limited and self.bars_push((first,))):
                 continue
             if any(self.at[place] == TAKEN for place in needs):
                 continue
@@ -192,6 +198,8 @@ class _Planner:
                     continue
                 if self.needed[end] or not self.sound(agent, second):
                     continue
+                if self.limited and self.bars_push((first, second)):
+                    continue
                 looked_at += 1
                 self.tries += 1
                 if looked_at > PAIRS_MAX or self.tries > TRIES_MAX:
@@ -200,6 +208,9 @@ class _Planner:
                 if self.perform(k, (first, second), end, tuple(sorted(both)), depth):
                     return True
         return False
+
+    def bars_push(self, moves: tuple[int, ...]) -> bool:
+        return TURN not in moves and not may_be_pushed(self.world, moves)
 
     def settle(self, k: int, place: int) -> None:
         before = self.position[k]
@@ -287,8 +298,9 @@ class _Planner:
         """
         at, place = self.at, agent.place
         ways = agent.costs.candidates(place, agent.heading_rad, goal)
-        ways = self._as_it_stands(agent, ways)
-        found = [w if at[w[2]] == FREE else (w[0] + OCCUPIED_S, *w[1:]) for w in ways]
+        if self.overlaid:
+            ways = self._as_it_stands(agent, ways)
+        found = [w if at[w[2]] == FREE else (w[0] + OCCUPIED_S, w[1], w[2], w[3]) for w in ways]
         if self.pocketed and not agent.leaving:
             # a lane reserved in its middle is two dead ends, and one of them is the way out
             own = (-1, self.pocket[place], self.pocket[goal])
@@ -299,8 +311,8 @@ class _Planner:
             if final and agent.costs.can_turn(goal):
                 found.append((-1.0, TURN, place, places_in(turning_room(self.world, place))))
         elif found:
-            best = min(found)[0]
-            found.append((best + STAY_S + agent.impatience_s, STAY, place, ()))
+            found.sort()
+            found.append((found[0][0] + STAY_S + agent.impatience_s, STAY, place, ()))
         else:
             return self._idle(agent)
         return found
@@ -331,7 +343,9 @@ class _Planner:
             if end < stops and not costs.trap[move]
         ]
         found: list[Option] = [(0.0, STAY, agent.place, ())]
-        for value, move, end, needs in self._as_it_stands(agent, ways):
+        if self.overlaid:
+            ways = self._as_it_stands(agent, ways)
+        for value, move, end, needs in ways:
             value += IDLE_OCCUPIED_S if self.at[end] != FREE else 0.0
             value += IDLE_GOAL_S if end in self.wanted else 0.0
             value += IDLE_POCKET_S if pocket[end] >= 0 and pocket[agent.place] < 0 else 0.0
