@@ -213,11 +213,14 @@ class Costs:
             row, stops, ways = self.row(goal), self.roadmap.places.stops, []
             for seconds, move, end, state, needs in self.departures(place, heading_rad):
                 if end == goal:
-                    onward, needs = self.arrival_s(move), self._arriving(move, place, needs)
+                    onward = seconds + self.arrival_s(move)
+                    needs = self._arriving(move, place, needs)
+                elif end < stops:
+                    onward = seconds + row[state]
                 else:
-                    onward = row[state] if end < stops else INFINITE
+                    continue
                 if onward < INFINITE:
-                    ways.append((seconds + onward, move, end, needs))
+                    ways.append((onward, move, end, needs))
             if len(self._ways) >= WAYS_MAX:
                 self._ways.clear()
             self._ways[key] = ways
