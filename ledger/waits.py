@@ -1,6 +1,6 @@
 """Who waits for whom: waits of robots as traffic names them, their chains and their cycles."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 
 from ledger.ids import PointName, RobotName, SceneId
@@ -90,11 +90,10 @@ def _follow(by_robot: Mapping[RobotName, Wait], name: RobotName) -> Chain:
             return Chain(waits=tuple(links.values()), root=name, closed=True)
 
 
-def cycles(waits: Iterable[Wait]) -> list[tuple[RobotName, ...]]:
+def cycles(edges: Mapping[RobotName, Sequence[RobotName]]) -> list[tuple[RobotName, ...]]:
     """Give the robots that wait for each other, each lot sorted: the strongly connected parts of
-    the wait-for graph (Tarjan 1972, without recursion).
+    the graph from robots to their blockers (Tarjan 1972, without recursion).
     """
-    edges = {wait.robot: wait.blockers for wait in waits}
     index: dict[RobotName, int] = {}
     low: dict[RobotName, int] = {}
     stack: list[RobotName] = []

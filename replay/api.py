@@ -18,9 +18,10 @@ from ledger.moment import At, parse_position, parse_time
 from ledger.state import Fleet
 from replay.following import Followers
 from replay.frame import Frame, MapFrame, Wish
-from replay.frames import frame_at, map_at, story_at
+from replay.frames import frame_at, map_at, story_at, waiting_at
 from replay.source import Source
 from replay.story import Story
+from replay.waiting import Waiting
 
 EVENTS_MAX = 10_000  # of one answer
 OWN_PARTS = "x-parts"  # of a documented response: schemas that it refers to
@@ -155,6 +156,14 @@ def _replay(made: APIRouter, source: Source) -> None:
         wish = Wish(limit=query.orders, find=query.find, business_only=query.business)
         drawn = await frame_at(source, scene, as_of_ms, wish)
         return _json(drawn, drawn.position)
+
+    @made.get("/api/replay/waits", tags=["replay"], responses=_answer(Waiting))
+    async def waits(request: Request, query: Annotated[MapAsked, Query()]) -> Response:
+        """Give who waits for whom in a scene, and what that hangs on, now or at a past moment."""
+        as_of_ms = parse_time(query.as_of) if query.as_of is not None else None
+        scene = SceneId(query.scene) if query.scene is not None else None
+        found = await waiting_at(source, scene, as_of_ms)
+        return _json(found, found.position)
 
     @made.get("/api/replay/map", tags=["replay"], responses=_answer(MapFrame))
     async def map_(request: Request, query: Annotated[MapAsked, Query()]) -> Response:

@@ -8,16 +8,22 @@ from ledger.ids import OrderId, PathKey, PointName, RobotName, SceneId
 from ledger.link import ActionPhase, AlarmLevel, Plan, Report
 from ledger.scene import Area, Group, Scene, Value
 from ledger.state import BinStatus, Fleet, Order, OrderKind, Robot, RobotBin, Step
+from replay.waiting import (
+    ChainFrame,
+    WaitFrame,
+    chain_frames,
+    name_of,
+    wait_frames,
+    wait_words,
+    waits_of,
+)
+from replay.wire import Wire
 from replay.words import STATUS, order_reason, robot_reason, task
 
 STILL = 0.01  # m/s or rad/s; slower is standing
 SCANNED_MAX = 20_000  # live orders searched for a text
 
 XY = tuple[float, float]
-
-
-class Wire(Value, frozen=True, kw_only=True, rename="camel"):
-    """Base of what the console is sent: names in camel case, as in every JSON of the server."""
 
 
 class RobotState(StrEnum):
@@ -30,6 +36,17 @@ class RobotState(StrEnum):
     CHARGING = "charging"
     BLOCKED = "blocked"  # by itself: stopped, an obstacle, an error
     OFFLINE = "offline"
+
+
+DOES = {
+    RobotState.IDLE: "has nothing to do",
+    RobotState.MOVING: "drives",
+    RobotState.WAITING: "stands",
+    RobotState.WORKING: "works",
+    RobotState.CHARGING: "charges",
+    RobotState.BLOCKED: "is stopped",
+    RobotState.OFFLINE: "is offline",
+}
 
 
 class RobotFrame(Wire, frozen=True, kw_only=True):
@@ -111,6 +128,8 @@ class Frame(Wire, frozen=True, kw_only=True):
     robots: tuple[RobotFrame, ...]
     orders: tuple[OrderFrame, ...]  # newest first
     orders_open: int
+    waits: tuple[WaitFrame, ...]
+    chains: tuple[ChainFrame, ...]  # who waits for whom, the longest wait first
 
 
 class MapFrame(Wire, frozen=True, kw_only=True):
@@ -155,8 +174,10 @@ def _robot_words(robot: Robot, report: Report | None, plan: Plan | None) -> str:
         said += ["emergency stop"] * report.emergency_stop + ["stopped"] * report.soft_stop
         said += ["something is in its way"] * report.blocked
         said += [alarm.message or alarm.code for alarm in report.alarms]
-    if plan is not None and plan.blocked_by:
-        said.append(f"waits for {', '.join(plan.blocked_by)}")
+    if plan is not None and plan.wait is not None:
+        said.append(wait_words(plan.wait))
+    elif plan is not None and plan.blocked_by:
+        said.append(f"waits for {', '.join(map(name_of, plan.blocked_by))}")
     return "; ".join(words for words in said if words)
 
 
@@ -287,6 +308,13 @@ def build(
         for order in reversed(fleet.orders.values())  # made in order of creation
         if scene is not None and order.scene == scene.id
     )
+    plans = {robot.name: plan(robot.name) for robot in robots}
+    waits = waits_of(plans.values(), at_ms)
+
+    def does(name: RobotName) -> str:
+        known = next((robot for robot in robots if robot.name == name), None)
+        return "" if known is None else DOES[robot_state(known, report(name), plans[name])]
+
     return Frame(
         at_ms=at_ms,
         live=live,
@@ -296,7 +324,9 @@ def build(
         scenes=scenes,
         scene=scene.id if scene else None,
         map_digest=scene.digest if scene else "",
-        robots=tuple(robot_frame(r, report(r.name), plan(r.name)) for r in robots),
+        robots=tuple(robot_frame(r, report(r.name), plans[r.name]) for r in robots),
         orders=order_lines(newest_first, finished, wish) if wish.limit else (),
         orders_open=sum(scene is not None and o.scene == scene.id for o in fleet.orders.values()),
+        waits=wait_frames(waits),
+        chains=chain_frames(waits, does, at_ms),
     )

@@ -9,9 +9,11 @@ from ledger.link import Plan, Report
 from ledger.moment import At
 from ledger.scene import Scene
 from ledger.state import Fleet, Order
+from ledger.waits import cycles
 from replay.frame import Frame, MapFrame, Wish, build
 from replay.source import Source
 from replay.story import Story, tell
+from replay.waiting import Waiting
 
 FINISHED_MAX = 500  # ended orders among which the newest wanted ones are looked for
 
@@ -102,6 +104,20 @@ async def _live_frame(
         plan=plan,
         finished=finished,
         wish=wish,
+    )
+
+
+async def waiting_at(source: Source, scene: SceneId | None, as_of_ms: int | None) -> Waiting:
+    """Say who waits for whom at a moment."""
+    frame = await frame_at(source, scene, as_of_ms, Wish())
+    return Waiting(
+        at_ms=frame.at_ms,
+        live=frame.live,
+        position=frame.position,
+        scene=frame.scene,
+        waits=frame.waits,
+        chains=frame.chains,
+        cycles=tuple(cycles({wait.robot: wait.blockers for wait in frame.waits})),
     )
 
 

@@ -7,7 +7,8 @@ from ledger.events.orders import OfOrder, OrderCreated
 from ledger.evolve_order import order_after, order_created
 from ledger.ids import OrderId
 from ledger.state import Order
-from replay.frame import OrderFrame, StepFrame, Wire, order_frame, step_frame
+from replay.frame import OrderFrame, StepFrame, order_frame, step_frame
+from replay.wire import Wire
 from replay.words import event_words
 
 

@@ -43,6 +43,7 @@ POST /api/sql
 GET  /api/ledger/state
 GET  /api/replay/frame
 GET  /api/replay/map
+GET  /api/replay/waits
 GET  /api/replay/order-story
 """
 
