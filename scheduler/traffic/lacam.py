@@ -279,7 +279,7 @@ class Search:
                     price = costs.onward_s(place, heading, move, self.goal)
                 elif end >= roadmap.places.stops or costs.trap[move]:
                     continue
-                elif not may_be_pushed(world, moves):
+                if k and not may_be_pushed(world, moves):
                     continue
             if price == INFINITE:
                 continue

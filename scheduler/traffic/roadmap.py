@@ -50,9 +50,11 @@ class Roadmap:
         self.heading_start = [traces.heading_start[paths[0]] for paths in moves.paths]
         self.heading_end = [traces.heading_end[paths[-1]] for paths in moves.paths]
         self.leaving: list[list[int]] = [[] for _ in places.point]
+        self.arriving: list[list[int]] = [[] for _ in places.point]
         self.over: list[list[int]] = [[] for _ in net.paths]  # path -> moves
         for move, start in enumerate(moves.start):
             self.leaving[start].append(move)
+            self.arriving[moves.end[move]].append(move)
             for path in moves.paths[move]:
                 self.over[path].append(move)
         self.turning = [net.points[point].turning for point in places.point]

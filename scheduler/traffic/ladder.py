@@ -1,0 +1,320 @@
+"""The liveness ladder of one area: who is stuck is looked for a way, and if there is none, a person
+is told who and what is in the way. Never a silent hang.
+
+Guidance and pushing are the planner's. What comes here is what they left: the first in rank of
+those without progress gets a complete search over the robots around it, more of them each time.
+Its way is then followed, with everybody else planned around it.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from typing import TypeAlias
+
+import msgspec
+
+from ledger.ids import PointName, RobotName
+from ledger.scene import Value
+from scheduler.traffic.costs import INFINITE
+from scheduler.traffic.lacam import Search
+from scheduler.traffic.pibt import Agent, World
+from scheduler.traffic.planner import Planner, Proposal
+from scheduler.traffic.rescue import Rescue
+from scheduler.traffic.stalls import Stalls
+from scheduler.traffic.track import Track
+
+# Robots that may be moved for one, and successors looked at with so many: 13 µs each in plain
+# Python (measured), so all three together take no longer than a quarter of a second.
+REGIONS = ((6, 1_000), (14, 3_000), (30, 12_000))
+SEARCH_MS = 1_000  # between two searches, however many are stuck
+RETRY_MS = 10_000  # and between two for the same robot
+WAY_MAX = 12  # moves of the stuck robot from which its region grows
+NAMED_MAX = 8  # robots named in one alarm
+# So long after a way was first looked for in vain a person is told; what stands in the way may
+# have moved by then. Who only works there is given the time for that.
+ALARM_MS = 30_000
+WORKING_MS = 120_000
+
+
+class Stuck(Value, frozen=True, kw_only=True):
+    """A robot that cannot get to its goal, and what a person has to know to help it."""
+
+    robot: RobotName
+    since_ms: int  # without progress
+    goal: PointName
+    text: str
+    robots: tuple[RobotName, ...] = ()  # in its way, or with it in a jam
+    claims: tuple[str, ...] = ()  # owners of reserved ground and doors, as `Track.barred` has them
+
+
+# Who or what keeps a robot from the next ground of its committed route.
+Blockers: TypeAlias = Callable[[Track], Sequence[str]]
+
+
+class _Vain(msgspec.Struct, kw_only=True):
+    """What the last search for a robot came to."""
+
+    goal: int
+    first_ms: int  # of the searches with this outcome
+    last_ms: int
+    working: bool
+    stuck: Stuck
+
+
+class Counted(msgspec.Struct, kw_only=True):
+    """For metrics, since the start."""
+
+    searches: int = 0
+    rescues: int = 0
+    alarms: int = 0
+
+
+class Ladder:
+    """Stands between the world and the planner. Deterministic, and pure but for its memory."""
+
+    def __init__(self) -> None:
+        self.counted = Counted()
+        self._stalls = Stalls()
+        self._rescue: Rescue | None = None
+        self._vain: dict[str, _Vain] = {}
+        self._told: frozenset[RobotName] = frozenset()
+        self._search_ms = 0
+
+    def propose(
+        self,
+        world: World,
+        tracks: Mapping[RobotName, Track],
+        blockers: Blockers,
+        planner: Planner,
+        now_ms: int,
+    ) -> Proposal:
+        """What the planner says, after what is left of the way of who was stuck."""
+        lost = {track.name for track in tracks.values() if track.lost}
+        stalled = self._stalls.look(world, now_ms)
+        names = {world.agents[k].name for k in stalled}
+        names |= self._note_barred(world, tracks, now_ms)
+        self._vain = {name: vain for name, vain in self._vain.items() if name in names}
+        rescue = self._rescue
+        if rescue is not None and not rescue.holds(world, lost, now_ms):
+            rescue = self._rescue = None
+        if rescue is None and stalled and now_ms >= self._search_ms:
+            rescue = self._rescue = self._look(world, tracks, blockers, stalled, now_ms)
+        if rescue is None:
+            return planner.propose(world)
+        near = {track.name for track in tracks.values() if track.near}
+        due = rescue.due(world, near)
+        return due + planner.propose(rescue.shielded(world))
+
+    def note(self, committed: Iterable[str], now_ms: int) -> None:
+        """Learn which of the proposed moves have been committed."""
+        if self._rescue is not None:
+            self._rescue.note(committed, now_ms)
+
+    def stuck(self, tracks: Mapping[RobotName, Track], now_ms: int) -> dict[RobotName, Stuck]:
+        """Those that a person has to help, until they get on."""
+        found: dict[RobotName, Stuck] = {}
+        for name, vain in self._vain.items():
+            waited_ms = now_ms - vain.first_ms
+            track = tracks.get(RobotName(name))
+            if track is not None and waited_ms >= (WORKING_MS if vain.working else ALARM_MS):
+                found[track.name] = vain.stuck
+        told = frozenset(found)
+        self.counted.alarms += len(told - self._told)
+        self._told = told
+        return found
+
+    # -- looking for a way
+
+    def _look(
+        self,
+        world: World,
+        tracks: Mapping[RobotName, Track],
+        blockers: Blockers,
+        stalled: Sequence[int],
+        now_ms: int,
+    ) -> Rescue | None:
+        """Search for the first of them that has not been searched for in vain just now."""
+        for k in stalled:
+            agent = world.agents[k]
+            vain = self._vain.get(agent.name)
+            if vain is not None and vain.goal == agent.goal and now_ms - vain.last_ms < RETRY_MS:
+                continue
+            assert agent.goal is not None
+            track = tracks[RobotName(agent.name)]
+            if not track.near:  # it has a way, and cannot drive it
+                why = _held_up(tracks, track, blockers)
+                self._note_vain(agent.name, agent.goal, why, world, now_ms)
+                continue
+            self._search_ms = now_ms + SEARCH_MS
+            self.counted.searches += 1
+            found, proven, around = _search(world, k)
+            if found is not None:
+                self.counted.rescues += 1
+                self._vain.pop(agent.name, None)
+                return Rescue(robot=agent.name, goal=agent.goal, way=found, since_ms=now_ms)
+            why = _why(world, tracks, k, around, proven=proven)
+            self._note_vain(agent.name, agent.goal, why, world, now_ms)
+            return None
+        return None
+
+    def _note_barred(
+        self, world: World, tracks: Mapping[RobotName, Track], now_ms: int
+    ) -> set[str]:
+        """Robots whose goal is on ground that is closed to them have nowhere to go until then."""
+        found: set[str] = set()
+        for track in tracks.values():
+            if track.barred and track.goal not in (None, track.place):
+                assert track.goal is not None
+                why = _Why(
+                    text=f"kept off by {', '.join(track.barred)}",
+                    claims=track.barred,
+                    working=True,
+                )
+                self._note_vain(track.name, track.goal, why, world, now_ms)
+                found.add(track.name)
+        return found
+
+    def _note_vain(self, name: str, goal: int, why: "_Why", world: World, now_ms: int) -> None:
+        before = self._vain.get(name)
+        point = world.roadmap.net.points[world.roadmap.places.point[goal]].name
+        same = before is not None and before.goal == goal and before.working == why.working
+        first_ms = before.first_ms if before is not None and same else now_ms
+        stuck = Stuck(
+            robot=RobotName(name),
+            since_ms=self._stalls.since_ms(name) or first_ms,
+            goal=point,
+            text=f"{name} cannot get to {point}: {why.text}",
+            robots=why.robots,
+            claims=why.claims,
+        )
+        self._vain[name] = _Vain(
+            goal=goal,
+            first_ms=first_ms,
+            last_ms=now_ms,
+            working=why.working,
+            stuck=stuck,
+        )
+
+
+def _search(world: World, k: int) -> tuple[Proposal | None, bool, list[int]]:
+    """A way for agent k; else whether there can be none, and the robots that were looked at."""
+    nearest = _region(world, k)
+    around = [k]
+    for robots, expansions in REGIONS:
+        around = nearest[:robots]
+        found = Search(world, around).run(expansions)
+        if found.way is not None:
+            return found.way, True, around
+        if len(nearest) <= robots:
+            return None, found.proven, around
+    return None, False, around
+
+
+def _region(world: World, k: int) -> list[int]:
+    """All robots that may be moved, by their distance in moves from the way of robot k; itself
+    first, then who stands right on it.
+    """
+    roadmap, agent = world.roadmap, world.agents[k]
+    near: list[int] = [agent.place]
+    seen = {agent.place}
+    bits = _needs_of_way(world, agent, WAY_MAX)
+    for place in range(len(roadmap.places.point)):
+        if bits >> place & 1 and place not in seen:
+            seen.add(place)
+            near.append(place)
+    at = {other.place: n for n, other in enumerate(world.agents) if not other.fixed}
+    found = [k]
+    for place in near:
+        other = at.get(place)
+        if other is not None and other != k:
+            found.append(other)
+        if len(found) > REGIONS[-1][0]:
+            break
+        for move in (*roadmap.leaving[place], *roadmap.arriving[place]):
+            for end in (roadmap.moves.end[move], roadmap.moves.start[move]):
+                if end not in seen:
+                    seen.add(end)
+                    near.append(end)
+    return found
+
+
+def _needs_of_way(world: World, agent: Agent, moves_max: int) -> int:
+    """Bits of the places that its best way needs on the map, whoever is there."""
+    assert agent.goal is not None
+    place, heading, bits = agent.place, agent.heading_rad, 0
+    roadmap = world.roadmap
+    for _ in range(moves_max):
+        ways = [] if place == agent.goal else agent.costs.ways(place, heading, agent.goal)
+        if not ways:
+            break
+        move = min(ways)[1]
+        bits |= roadmap.moves.need[move] | world.more_need.get(move, 0)
+        place, heading = roadmap.moves.end[move], roadmap.heading_end[move]
+    return bits
+
+
+class _Why(msgspec.Struct, frozen=True, kw_only=True):
+    text: str
+    robots: tuple[RobotName, ...] = ()
+    claims: tuple[str, ...] = ()
+    working: bool = False  # who stands in the way goes on by itself when its work is done
+
+
+def _why(
+    world: World, tracks: Mapping[RobotName, Track], k: int, around: list[int], *, proven: bool
+) -> _Why:
+    """Why there is no way for agent k, the plainest reason first."""
+    agent = world.agents[k]
+    assert agent.goal is not None
+    if agent.costs.cost_s(agent.place, agent.heading_rad, agent.goal) == INFINITE:
+        return _Why(text="the map has no way there")
+    fixed = [n for n, other in enumerate(world.agents) if other.fixed]
+    lost = {track.name for track in tracks.values() if track.lost}
+    alone = Search(_without(world, {k, *fixed}), [_number(world, k, fixed)]).run(REGIONS[-1][1])
+    if alone.way is None and alone.proven:
+        way = _needs_of_way(world, agent, 10 * REGIONS[-1][0])
+        standing = [world.agents[n] for n in fixed if way >> world.agents[n].place & 1]
+        silent = tuple(RobotName(o.name) for o in standing if o.name in lost)
+        silent = silent or tuple(sorted(n for n in lost if tracks[n].place is None))
+        if silent:
+            text = f"{', '.join(silent[:NAMED_MAX])} does not answer and stands in the way"
+            return _Why(text=text, robots=silent[:NAMED_MAX])
+        names = tuple(RobotName(other.name) for other in standing)[:NAMED_MAX]
+        if names:
+            text = f"{', '.join(names)} stands in the way and cannot be sent away"
+            return _Why(text=text, robots=names, working=True)
+        return _Why(text="ground on the way is taken by what is not on the map's points")
+    names = tuple(RobotName(world.agents[n].name) for n in around if n != k)[:NAMED_MAX]
+    word = "there is no way" if proven else "no way was found"
+    jam = f"{word} round {', '.join(names)}"
+    near_lost = tuple(sorted(lost))[:NAMED_MAX]
+    if near_lost:
+        jam += f", while {', '.join(near_lost)} does not answer"
+    return _Why(text=jam, robots=names + near_lost)
+
+
+def _held_up(tracks: Mapping[RobotName, Track], track: Track, blockers: Blockers) -> _Why:
+    """Follow who waits for whom to the one that nobody holds up."""
+    seen = [track.name]
+    while track is not None and len(seen) <= len(tracks):
+        others = [name for name in blockers(track) if name not in seen]
+        robots = [RobotName(name) for name in others if name in tracks]
+        if others and not robots:
+            return _Why(text=f"kept off by {', '.join(others)}", claims=tuple(others), working=True)
+        if not robots:
+            break
+        silent = tuple(name for name in robots if tracks[name].lost)
+        if silent:
+            text = f"{', '.join(silent)} does not answer and holds ground on the way"
+            return _Why(text=text, robots=silent)
+        track = tracks[robots[0]]
+        seen.append(track.name)
+    root = seen[-1]
+    return _Why(text=f"{root} has leave to drive and does not", robots=(root,), working=True)
+
+
+def _without(world: World, kept: Set[int]) -> World:
+    agents = [agent for n, agent in enumerate(world.agents) if n in kept]
+    return msgspec.structs.replace(world, agents=agents)
+
+
+def _number(world: World, k: int, fixed: Iterable[int]) -> int:
+    return sum(1 for n in fixed if n < k)
