@@ -7,6 +7,7 @@ import { Moment } from "./moment.js";
 import { OrderList } from "./orders.js";
 import { COLOURS, STATES } from "./robots.js";
 import { Stage } from "./stage.js";
+import { showChains } from "./waits.js";
 import { dayAndTime, element, fieldTime, time } from "./words.js";
 
 /** @typedef {import("./types.js").Frame} Frame */
@@ -115,6 +116,7 @@ async function show(asOf) {
   [moment.firstMs, moment.nowMs] = [frame.firstMs ?? frame.nowMs, frame.nowMs];
   showFrame(frame);
   if (withOrders) showOrders(frame);
+  showWaits(frame);
   await showDetail(frame, asOf);
   document.body.dataset.state = "ready";
 }
@@ -184,6 +186,14 @@ function showOrders(frame) {
   orders.show(frame.orders, frame.atMs);
   byId("no-orders").hidden = frame.orders.length > 0;
   byId("no-orders").textContent = byId("find").value.trim() ? "No order holds this text." : "No orders at this moment.";
+}
+
+/** @param {Frame} frame */
+function showWaits(frame) {
+  stage.waits.take(frame.waits, frame.chains);
+  byId("waits").hidden = frame.chains.length === 0;
+  byId("waiting").value = String(frame.waits.length);
+  showChains(byId("chains"), frame.waits, frame.chains, frame.atMs, pickRobot);
 }
 
 /** @param {Frame} frame @param {number | null} asOf */

@@ -4,6 +4,7 @@
 import { Ground } from "./ground.js";
 import { Robots } from "./robots.js";
 import { View } from "./view.js";
+import { Waits } from "./waits.js";
 
 /** @typedef {import("./types.js").MapFrame} MapFrame */
 
@@ -19,6 +20,7 @@ export class Stage {
     this.view = new View();
     this.ground = new Ground();
     this.robots = new Robots();
+    this.waits = new Waits();
     /** @type {number} */
     this.area = 0;
     /** @type {string | null} */
@@ -76,6 +78,7 @@ export class Stage {
     if (!this.ground.area || !this.view.width) return;
     this.ground.put(this.pen, this.view, now);
     this.robots.draw(this.pen, this.view, this.ground, this.area, this.selected, now);
+    this.waits.draw(this.pen, this.view, this.robots, this.area, now);
   }
 
   listen() {

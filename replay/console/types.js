@@ -60,6 +60,28 @@
  * @property {RobotFrame[]} robots
  * @property {OrderFrame[]} orders
  * @property {number} ordersOpen
+ * @property {WaitFrame[]} waits
+ * @property {ChainFrame[]} chains
+ */
+
+/**
+ * @typedef {object} WaitFrame
+ * @property {string} robot
+ * @property {number} sinceMs
+ * @property {string} reason
+ * @property {string} words
+ * @property {string[]} blockers
+ * @property {string | null} place
+ */
+
+/**
+ * @typedef {object} ChainFrame
+ * @property {string[]} robots
+ * @property {number} sinceMs
+ * @property {string | null} root
+ * @property {string} rootWords
+ * @property {boolean} closed
+ * @property {string} words
  */
 
 /** @typedef {{name: string, x_m: number, y_m: number, kind: string}} Point */

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from ledger.events import (
     AnyEvent,
     AssignmentRejected,
@@ -26,10 +28,11 @@ from ledger.events import (
 from ledger.evolve import evolve
 from ledger.ids import CommandId, OrderId, PathKey, PointName, RobotKey, RobotName, SceneId
 from ledger.ids import robot_key as key
-from ledger.link import Load, Plan, Report, Space
+from ledger.link import EXTERNAL, Load, Plan, Report, Space
 from ledger.state import Candidate, Fleet, Order, StepTask
 from ledger.store import FileLedger
 from ledger.telemetry import TelemetryLog
+from ledger.waits import Wait, WaitReason
 from replay.moment import Moments
 from replay.source import Source
 from tests.strategies import grid
@@ -42,6 +45,7 @@ TURN_MS = 40_000  # one order from B1 to B4 and the way back
 SPEED_MPS = 1.0
 COLUMNS, PITCH_M = 6, 3.0
 FAR_M = (COLUMNS - 1) * PITCH_M
+CHAIN_MS, CHAIN_FORMS_MS, CHAIN_GROWS_MS = 8_000, 2_000, 4_000  # again and again
 
 
 def carried(turn: int) -> OrderId:
@@ -144,7 +148,22 @@ def plans(at_ms: int) -> list[Plan]:
         spaces=(Space(points=ground),),
         moving=robot.speed_mps > 0,
     )
-    return [plan]
+    waits = {wait.robot: wait for wait in waits_at(at_ms)}
+    other = Plan(scene=SCENE, robot=R2, at_ms=at_ms, ready=True, wait=waits.get(R2))
+    return [replace(plan, wait=waits.get(R1)), other]
+
+
+def waits_at(at_ms: int) -> list[Wait]:
+    """A chain that forms and dissolves: first R2 waits for R1, then R1 for reserved ground."""
+    begun_ms = at_ms - (at_ms - START_MS) % CHAIN_MS
+    found = []
+    if at_ms >= begun_ms + CHAIN_FORMS_MS:
+        first = {"since_ms": begun_ms + CHAIN_FORMS_MS, "reason": WaitReason.BEHIND_ROBOT}
+        found.append(Wait(robot=R2, blockers=(R1,), place=PointName("AP13"), **first))
+    if at_ms >= begun_ms + CHAIN_GROWS_MS:
+        then = {"since_ms": begun_ms + CHAIN_GROWS_MS, "reason": WaitReason.RESERVED_GROUND}
+        found.append(Wait(robot=R1, blockers=(RobotName(f"{EXTERNAL}lift maintenance"),), **then))
+    return found
 
 
 class Site:

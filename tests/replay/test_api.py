@@ -5,16 +5,31 @@ from collections.abc import AsyncIterator, Iterator
 import httpx
 import pytest
 from fastapi import FastAPI
+from msgspec.structs import replace
 from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from ledger.errors import Refused
 from ledger.evolve import fold
+from ledger.ids import robot_key as key
 from ledger.moment import time_text
 from ledger.state import Fleet
 from replay.api import CONSOLE, OWN_PARTS, router
-from tests.replay.site import R1, SCENE, START_MS, TURN_MS, WAITING, Site, carried, reports
+from replay.waiting import STALE_MS
+from tests.replay.site import (
+    CHAIN_MS,
+    R1,
+    R2,
+    SCENE,
+    START_MS,
+    TURN_MS,
+    WAITING,
+    Site,
+    carried,
+    reports,
+    waits_at,
+)
 
 
 async def refused(_: Request, trouble: Exception) -> Response:
@@ -123,6 +138,49 @@ async def test_a_past_frame_shows_what_was_then(site: Site, client: httpx.AsyncC
     assert [o["id"] for o in frame["orders"]] == [carried(0), WAITING]
     assert frame["orders"][0]["statusWords"] == "under way"
     assert frame["live"] is False
+
+
+async def test_who_waits_for_whom_is_told_for_any_moment(
+    site: Site, client: httpx.AsyncClient
+) -> None:
+    at_ms = START_MS + 3 * CHAIN_MS + 7_500
+    query = {"sceneId": SCENE, "asOf": str(at_ms)}
+    told = (await client.get("/api/replay/waits", params=query)).json()
+    assert (told["live"], told["scene"], told["cycles"]) == (False, SCENE, [])
+    assert [(w["robot"], w["reason"], w["blockers"]) for w in told["waits"]] == [
+        (R1, "ReservedGround", ["external:lift maintenance"]),
+        (R2, "BehindRobot", [R1]),
+    ]
+    [chain] = told["chains"]
+    assert chain["words"] == (
+        "R2 waits for R1 to drive on (since 5 s), "
+        "R1 waits for ground reserved for 'lift maintenance' (since 3 s)"
+    )
+    assert (chain["robots"], chain["root"]) == ([R2, R1], "external:lift maintenance")
+    early = {"sceneId": SCENE, "asOf": str(at_ms - 4_000)}
+    [chain] = (await client.get("/api/replay/waits", params=early)).json()["chains"]
+    assert chain["words"].endswith("to drive on (since 1 s), R1 drives")
+    before = {"sceneId": SCENE, "asOf": str(at_ms - 6_000)}
+    assert (await client.get("/api/replay/waits", params=before)).json()["waits"] == []
+    frame = (await client.get("/api/replay/frame", params=query)).json()
+    assert (frame["waits"], frame["chains"]) == (told["waits"], told["chains"])
+    now = (await client.get("/api/replay/waits")).json()
+    assert (now["live"], now["atMs"]) == (True, site.now_ms)
+
+
+async def test_what_a_scheduler_that_has_gone_intended_is_no_wait_any_more(
+    site: Site, client: httpx.AsyncClient
+) -> None:
+    before = dict(site.plans)
+    stale = replace(before[key(SCENE, R1)], wait=waits_at(site.now_ms)[0])
+    try:
+        site.plans[key(SCENE, R1)] = replace(stale, at_ms=site.now_ms - STALE_MS)
+        assert (await client.get("/api/replay/waits")).json()["waits"]
+        site.plans[key(SCENE, R1)] = replace(stale, at_ms=site.now_ms - STALE_MS - 1)
+        found = (await client.get("/api/replay/waits")).json()["waits"]
+        assert R1 not in [wait["robot"] for wait in found]
+    finally:
+        site.plans.update(before)
 
 
 async def test_before_the_first_event_there_is_nothing_to_draw(client: httpx.AsyncClient) -> None:

@@ -14,7 +14,17 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from replay.api import router
-from tests.replay.site import SCENE, START_MS, TURN_MS, WAITING, Site, carried
+from tests.replay.site import (
+    CHAIN_FORMS_MS,
+    CHAIN_GROWS_MS,
+    CHAIN_MS,
+    SCENE,
+    START_MS,
+    TURN_MS,
+    WAITING,
+    Site,
+    carried,
+)
 
 pytestmark = pytest.mark.browser
 
@@ -240,6 +250,47 @@ def test_a_click_on_a_robot_shows_what_is_known_of_it(console: Page) -> None:
     expect(console.locator("#detail-body")).to_contain_text("31 %")
     console.keyboard.press("Escape")
     expect(console.locator("#list")).to_be_visible()
+
+
+def test_a_wait_chain_is_shown_as_it_forms_and_dissolves(console: Page) -> None:
+    chains = console.locator("#chains li")
+    begun_ms = START_MS + 80_000
+    console.evaluate("ms => window.fleetledger.moment.go(ms)", begun_ms + CHAIN_FORMS_MS - 700)
+    console.wait_for_function("() => window.fleetledger.frame.live === false")
+    expect(console.locator("#waits")).to_be_hidden()
+    assert console.evaluate("() => window.fleetledger.stage.waits.arrows") == 0
+    console.evaluate("ms => window.fleetledger.moment.go(ms)", begun_ms + CHAIN_FORMS_MS + 1_300)
+    expect(chains).to_have_attribute("data-chain", "R2")
+    expect(chains).to_have_attribute("data-root", "R1")
+    expect(chains).to_contain_text("waits for R1 to drive on")
+    console.wait_for_function("() => window.fleetledger.stage.waits.arrows === 1")
+    console.evaluate("ms => window.fleetledger.moment.go(ms)", begun_ms + CHAIN_GROWS_MS + 3_400)
+    expect(chains).to_have_attribute("data-chain", "R2 R1")
+    expect(chains).to_contain_text("waits for ground reserved for 'lift maintenance'")
+    expect(chains.locator(".since").first).to_have_text("5 s")
+    expect(chains.locator(".since").last).to_have_text("3 s")
+    picture(console, "console-waits.png")
+    console.evaluate("ms => window.fleetledger.moment.go(ms)", begun_ms + CHAIN_MS + 900)
+    expect(console.locator("#waits")).to_be_hidden()
+    console.locator("#live").click()  # and live, within one round of the script
+    expect(chains).to_have_attribute("data-chain", "R2", timeout=2 * CHAIN_MS)
+    expect(chains).to_have_attribute("data-chain", "R2 R1")
+    expect(console.locator("#waits")).to_be_hidden()
+    console.wait_for_function("() => window.fleetledger.stage.waits.arrows === 0")
+
+
+def test_robots_that_wait_for_each_other_are_two_red_arrows(console: Page) -> None:
+    console.evaluate(
+        """() => {
+            const { stage } = window.fleetledger;
+            const wait = (robot, other) => ({ robot, blockers: [other] });
+            const chain = { robots: ["R1", "R2"], root: "R1", closed: true };
+            const take = stage.waits.take.bind(stage.waits);
+            stage.waits.take = () => take([wait("R1", "R2"), wait("R2", "R1")], [chain]);
+        }"""
+    )
+    console.wait_for_function("() => window.fleetledger.stage.waits.arrows === 2")
+    assert console.evaluate("() => [...window.fleetledger.stage.waits.closed]") == ["R1", "R2"]
 
 
 def test_the_filter_finds_orders_by_their_reasons(console: Page) -> None:
