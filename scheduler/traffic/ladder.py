@@ -12,13 +12,14 @@ from typing import TypeAlias
 import msgspec
 
 from ledger.ids import PointName, RobotName
+from ledger.link import Mark
 from ledger.scene import Value
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.lacam import Search
 from scheduler.traffic.pibt import Agent, World
 from scheduler.traffic.planner import Planner, Proposal
 from scheduler.traffic.rescue import Rescue
-from scheduler.traffic.stalls import Stalls
+from scheduler.traffic.stalls import STALL_MS, Stalls
 from scheduler.traffic.track import Track
 
 # Robots that may be moved for one, and successors looked at with so many: 13 µs each in plain
@@ -53,7 +54,7 @@ class _Vain(msgspec.Struct, kw_only=True):
     """What the last search for a robot came to."""
 
     goal: int
-    first_ms: int  # of the searches with this outcome
+    first_ms: int  # of the searches for this goal
     last_ms: int
     working: bool
     stuck: Stuck
@@ -77,6 +78,7 @@ class Ladder:
         self._vain: dict[str, _Vain] = {}
         self._told: frozenset[RobotName] = frozenset()
         self._search_ms = 0
+        self._roots: dict[RobotName, tuple[Mark, int]] = {}  # how far, and since when no further
 
     def propose(
         self,
@@ -88,10 +90,13 @@ class Ladder:
     ) -> Proposal:
         """What the planner says, after what is left of the way of who was stuck."""
         lost = {track.name for track in tracks.values() if track.lost}
-        stalled = self._stalls.look(world, now_ms)
+        left = {t.name: t.way_m - t.way_to_m(t.progress) for t in tracks.values() if not t.driven}
+        stalled = self._stalls.look(world, lost, left, now_ms)
         names = {world.agents[k].name for k in stalled}
         names |= self._note_barred(world, tracks, now_ms)
         self._vain = {name: vain for name, vain in self._vain.items() if name in names}
+        if not stalled:
+            self._roots.clear()
         rescue = self._rescue
         if rescue is not None and not rescue.holds(world, lost, now_ms):
             rescue = self._rescue = None
@@ -139,9 +144,10 @@ class Ladder:
                 continue
             assert agent.goal is not None
             track = tracks[RobotName(agent.name)]
-            if not track.near:  # it has a way, and cannot drive it
-                why = _held_up(tracks, track, blockers)
-                self._note_vain(agent.name, agent.goal, why, world, now_ms)
+            if not track.near or agent.place == agent.goal:  # it has a way, and cannot drive it
+                why = self._held_up(tracks, track, blockers, now_ms)
+                if why is not None:
+                    self._note_vain(agent.name, agent.goal, why, world, now_ms)
                 continue
             self._search_ms = now_ms + SEARCH_MS
             self.counted.searches += 1
@@ -172,11 +178,43 @@ class Ladder:
                 found.add(track.name)
         return found
 
+    def _held_up(
+        self,
+        tracks: Mapping[RobotName, Track],
+        track: Track,
+        blockers: Blockers,
+        now_ms: int,
+    ) -> "_Why | None":
+        """Follow who waits for whom to the one that nobody holds up; None = it drives."""
+        seen = [track.name]
+        while len(seen) <= len(tracks):
+            others = [name for name in blockers(track) if name not in seen]
+            robots = [RobotName(name) for name in others if name in tracks]
+            if others and not robots:
+                text = f"kept off by {', '.join(others)}"
+                return _Why(text=text, claims=tuple(others), working=True)
+            silent = tuple(name for name in robots if tracks[name].lost)
+            if silent:
+                text = f"{', '.join(silent)} does not answer and holds ground on the way"
+                return _Why(text=text, robots=silent)
+            if not robots:
+                break
+            track = tracks[robots[0]]
+            seen.append(track.name)
+        mark, since_ms = self._roots.get(track.name, (track.progress, now_ms))
+        if mark != track.progress:
+            since_ms = now_ms
+        self._roots[track.name] = track.progress, since_ms
+        if now_ms - since_ms < STALL_MS:
+            return None
+        text = f"{track.name} has leave to drive and does not"
+        return _Why(text=text, robots=(track.name,), working=True)
+
     def _note_vain(self, name: str, goal: int, why: "_Why", world: World, now_ms: int) -> None:
         before = self._vain.get(name)
         point = world.roadmap.net.points[world.roadmap.places.point[goal]].name
-        same = before is not None and before.goal == goal and before.working == why.working
-        first_ms = before.first_ms if before is not None and same else now_ms
+        known = before is not None and before.goal == goal
+        first_ms = before.first_ms if before is not None and known else now_ms
         stuck = Stuck(
             robot=RobotName(name),
             since_ms=self._stalls.since_ms(name) or first_ms,
@@ -289,26 +327,6 @@ def _why(
     if near_lost:
         jam += f", while {', '.join(near_lost)} does not answer"
     return _Why(text=jam, robots=names + near_lost)
-
-
-def _held_up(tracks: Mapping[RobotName, Track], track: Track, blockers: Blockers) -> _Why:
-    """Follow who waits for whom to the one that nobody holds up."""
-    seen = [track.name]
-    while track is not None and len(seen) <= len(tracks):
-        others = [name for name in blockers(track) if name not in seen]
-        robots = [RobotName(name) for name in others if name in tracks]
-        if others and not robots:
-            return _Why(text=f"kept off by {', '.join(others)}", claims=tuple(others), working=True)
-        if not robots:
-            break
-        silent = tuple(name for name in robots if tracks[name].lost)
-        if silent:
-            text = f"{', '.join(silent)} does not answer and holds ground on the way"
-            return _Why(text=text, robots=silent)
-        track = tracks[robots[0]]
-        seen.append(track.name)
-    root = seen[-1]
-    return _Why(text=f"{root} has leave to drive and does not", robots=(root,), working=True)
 
 
 def _without(world: World, kept: Set[int]) -> World:

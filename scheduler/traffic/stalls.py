@@ -4,9 +4,11 @@ A robot that waits for what will end by itself is left in peace: for a dead end 
 somebody who works where it wants to be. It is looked at only once even that has taken too long.
 """
 
+from collections.abc import Mapping, Set
+
 import msgspec
 
-from scheduler.traffic.costs import INFINITE
+from ledger.ids import RobotName
 from scheduler.traffic.pibt import Agent, World, has_token
 
 # Without progress for so long a robot is stuck. Robots that are pushed aside on busy floors are
@@ -14,6 +16,7 @@ from scheduler.traffic.pibt import Agent, World, has_token
 STALL_MS = 30_000
 PATIENT_MS = 120_000  # and one that waits for others' work after so long
 NEARER_S = 0.1  # of driving; less is no progress
+COMMITTED_S = 1e6  # less is left than to any place, once the way to the goal is committed
 
 
 class _Best(msgspec.Struct, kw_only=True):
@@ -28,50 +31,66 @@ class Stalls:
     def __init__(self) -> None:
         self._best: dict[str, _Best] = {}
 
-    def look(self, world: World, now_ms: int) -> list[int]:
-        """Numbers of the agents that are stuck, the first in rank first."""
-        found: list[int] = []
+    def look(
+        self, world: World, lost: Set[RobotName], left: Mapping[RobotName, float], now_ms: int
+    ) -> list[int]:
+        """Numbers of the agents that are stuck, the first in rank first. `left` has what is still
+        to be driven, in metres, of those whose committed moves lead to their goal.
+        """
+        late: list[int] = []
         known: dict[str, _Best] = {}
         for k, agent in enumerate(world.agents):
-            if agent.goal is None or agent.goal == agent.place or agent.fixed:
+            name = RobotName(agent.name)
+            committed = agent.goal == agent.place
+            if agent.goal is None or name in lost or (committed and name not in left):
                 continue
-            best = known[agent.name] = self._progress(agent, agent.goal, now_ms)
-            stands_ms = now_ms - best.since_ms
-            if stands_ms < STALL_MS:
+            if agent.fixed and not committed:
                 continue
-            if stands_ms >= PATIENT_MS or not is_patient(world, agent):
-                found.append(k)
+            left_s = (
+                left[name] - COMMITTED_S
+                if committed
+                else agent.costs.cost_s(agent.place, agent.heading_rad, agent.goal)
+            )
+            best = known[name] = self._progress(name, agent.goal, left_s, now_ms)
+            if now_ms - best.since_ms >= STALL_MS:
+                late.append(k)
         self._best = known
-        return found
+        agents = world.agents
+        hopeless = lost | {RobotName(agents[k].name) for k in late}
+        hopeless |= {RobotName(a.name) for a in agents if a.goal is None and not a.fixed}
+        return [
+            k
+            for k in late
+            if now_ms - known[agents[k].name].since_ms >= PATIENT_MS
+            or agents[k].goal == agents[k].place
+            or not is_patient(world, agents[k], hopeless)
+        ]
 
     def since_ms(self, name: str) -> int | None:
         """When a robot last got nearer to its goal; None = it has none to get nearer to."""
         best = self._best.get(name)
         return None if best is None else best.since_ms
 
-    def _progress(self, agent: Agent, goal: int, now_ms: int) -> _Best:
-        left_s = agent.costs.cost_s(agent.place, agent.heading_rad, goal)
-        best = self._best.get(agent.name)
+    def _progress(self, name: str, goal: int, left_s: float, now_ms: int) -> _Best:
+        best = self._best.get(name)
         if best is None or best.goal != goal or left_s < best.left_s - NEARER_S:
             return _Best(goal=goal, left_s=left_s, since_ms=now_ms)
-        if left_s < INFINITE and best.left_s == INFINITE:
-            best.left_s = left_s
         return best
 
 
-def is_patient(world: World, agent: Agent) -> bool:
-    """Does it wait for somebody who works on its goal, or for a dead end to empty."""
+def is_patient(world: World, agent: Agent, hopeless: Set[RobotName]) -> bool:
+    """Does it wait for somebody who works on its goal, or for a dead end to empty, and can that be
+    expected; of the hopeless it cannot.
+    """
     goal, roadmap = agent.goal, world.roadmap
     assert goal is not None
     kept = roadmap.places.conflict[goal] | 1 << goal
-    if any(other.fixed and kept >> other.place & 1 for other in world.agents):
-        return True
+    awaited = [other for other in world.agents if other.fixed and kept >> other.place & 1]
     pocket = roadmap.pockets.pocket[goal]
-    if pocket < 0 or roadmap.pockets.pocket[agent.place] == pocket:
-        return False
-    inside = [
-        other.place if other.goal is None else other.goal
-        for other in world.agents
-        if roadmap.pockets.pocket[other.place] == pocket
-    ]
-    return not has_token(roadmap, pocket, goal, inside)
+    if not awaited and pocket >= 0 and roadmap.pockets.pocket[agent.place] != pocket:
+        for other in world.agents:
+            wants = other.place if other.goal is None else other.goal
+            inside = roadmap.pockets.pocket[other.place] == pocket
+            if inside and not has_token(roadmap, pocket, goal, [wants]):
+                awaited.append(other)
+    return bool(awaited) and not any(RobotName(other.name) in hopeless for other in awaited)

@@ -1,0 +1,154 @@
+"""The last rungs of liveness, on floors with robots that drive: nobody hangs without a word."""
+
+import math
+
+import pytest
+
+from ledger.ids import PointName, RobotName
+from ledger.scene import Group
+from scheduler.goal import Goal
+from scheduler.traffic.ladder import ALARM_MS, RETRY_MS, WORKING_MS
+from scheduler.traffic.stalls import STALL_MS
+from tests.scheduler.traffic.floor import Floor
+from tests.scheduler.traffic.maps import lattice, warehouse
+from tests.scheduler.traffic.stuck import CROSS, LOOP, PASSING_PLACE, RING
+
+GROUPS = (Group(id=0, name="g"),)
+BOUND_S = (STALL_MS + RETRY_MS + ALARM_MS) / 1000 + 5
+
+
+def floor(area, at, goals, **given):
+    made = Floor(area, GROUPS, {name: (p, 0.0) for name, p in at.items()}, [], **given)
+    made.idle = set(made.robots)
+    for k, (name, point) in enumerate(goals.items()):
+        made.goals[RobotName(name)] = Goal(point=PointName(point), rank=(0, k, name))
+    return made
+
+
+def until_done(made, limit_s=300):
+    """Everybody has been where it was to go, and worked there."""
+    for _ in range(limit_s * 10):
+        made.tick()
+        if not made.goals:
+            return
+    raise AssertionError(made.traffic.plans(0))
+
+
+def stuck(made):
+    return made.traffic.stuck(made.now_ms)
+
+
+@pytest.mark.parametrize(
+    ("area", "at", "goals"),
+    [
+        pytest.param(
+            PASSING_PLACE,
+            {"A": "c", "B": "d"},
+            {"A": "d", "B": "c"},
+            id="two that want each other's stop in a blind lane",
+        ),
+        pytest.param(
+            RING,
+            {"A": "a", "B": "b", "C": "c", "D": "d", "E": "e"},
+            {"A": "d", "B": "e", "C": "a", "D": "b", "E": "c"},
+            id="a ring with one hole",
+        ),
+        pytest.param(
+            LOOP,
+            {"A": "b", "B": "c", "C": "d", "D": "e", "E": "f"},
+            {"A": "a", "D": "c"},
+            id="a one-way loop with one hole",
+        ),
+        pytest.param(
+            CROSS,
+            {"A": "a", "B": "b", "D": "d"},
+            {"A": "d", "D": "a", "B": "c"},
+            id="a lane with two places to pass",
+        ),
+        pytest.param(
+            lattice(3, 3),
+            {f"R{k}": f"P{k // 3}-{k % 3}" for k in range(8)},
+            {f"R{k}": f"P{2 - k // 3}-{2 - k % 3}" for k in range(8)},
+            id="eight robots on nine stops",
+        ),
+        pytest.param(
+            warehouse(2, 4, 1, blind=(1,)),
+            {"A": "B1-2", "B": "B1-0", "C": "S0"},
+            {"C": "B1-3"},
+            id="robots parked in a blind aisle that somebody wants to the end of",
+        ),
+    ],
+)
+def test_named_situations_dissolve(area, at, goals):
+    made = floor(area, at, goals, service_s=2.0)
+    until_done(made)
+    made.judge()
+    assert not stuck(made)
+
+
+def alarm(made, robot, bound_s):
+    """Wait for the alarm of a robot; it must come within its bound."""
+    for _ in range(int(bound_s * 10)):
+        made.tick()
+        if RobotName(robot) in stuck(made):
+            return stuck(made)[RobotName(robot)]
+    raise AssertionError(made.traffic.plans(0))
+
+
+def test_more_robots_than_a_region_has_room_for_are_told_of_until_one_is_taken_away():
+    made = floor(CROSS, {"A": "a", "B": "s", "C": "t", "D": "d", "E": "c"}, {"A": "d", "D": "a"})
+    told = alarm(made, "D", BOUND_S)
+    assert "there is no way" in told.text
+    assert set(told.robots) == {"A", "B", "C", "E"}
+    for name in ("B", "E"):
+        made.robots.pop(RobotName(name))
+        made.traffic.remove(RobotName(name))
+    until_done(made)
+    assert not stuck(made)
+
+
+def test_who_does_not_answer_is_named_by_those_it_blocks():
+    made = floor(CROSS, {"A": "a", "B": "b"}, {"A": "d"})
+    made.tick()
+    made.traffic.lost(RobotName("B"))
+    silent = made.robots.pop(RobotName("B"))
+    told = alarm(made, "A", BOUND_S)
+    assert told.robots == ("B",)
+    assert "does not answer" in told.text
+    assert told.goal == "d"
+    made.robots[silent.name] = silent
+    until_done(made)
+    assert not stuck(made)
+
+
+def test_reserved_ground_in_the_way_is_named_by_its_owner():
+    made = floor(CROSS, {"A": "a"}, {"A": "d"})
+    made.tick()
+    made.traffic.claim("1", "crane", [((3.5, -0.5), (4.5, -0.5), (4.5, 0.5), (3.5, 0.5))])
+    told = alarm(made, "A", WORKING_MS / 1000 + 5)
+    assert told.claims == ("crane",)
+    made.traffic.unclaim("1")
+    until_done(made)
+    assert not stuck(made)
+
+
+def test_who_only_works_in_the_way_is_given_time_for_it():
+    made = floor(CROSS, {"A": "a", "B": "b"}, {"A": "d"}, service_s=1.0)
+    made.busy[RobotName("B")] = made.now_ms + 100_000
+    made.goals[RobotName("B")] = Goal(point=PointName("b"), rank=(0, 9, "B"))
+    for _ in range(950):
+        made.tick()
+        assert not stuck(made)
+    until_done(made)
+
+
+def test_a_robot_that_has_leave_to_drive_and_does_not_is_named():
+    made = floor(CROSS, {"A": "a", "B": "b"}, {"B": "d", "A": "c"})
+    for _ in range(20):
+        made.tick()
+    made.robots[RobotName("B")].frozen_s = math.inf
+    told = alarm(made, "A", (STALL_MS + STALL_MS + WORKING_MS) / 1000 + 10)
+    assert told.robots == ("B",)
+    made.robots[RobotName("B")].frozen_s = 0.0
+    until_done(made)
+    assert not stuck(made)
