@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import os
 import sys
 from collections.abc import Callable
 from itertools import count
@@ -28,6 +29,8 @@ GRACE_S = 2.0  # beyond its time, or after its asker has gone; then the process 
 START_S = 10.0  # for the process to come up
 FOLLOW_S = 30.0  # between two looks at what has been added while nobody asks
 STOP_S = 1.0
+# Arrow's own allocator maps a gigabyte at once, which would count as if a statement had taken it.
+PLAIN_MEMORY = {"ARROW_DEFAULT_MEMORY_POOL": "system"}
 RETRY_S = 2
 
 log = structlog.get_logger()
@@ -115,6 +118,7 @@ class Analyst:
                     *("--memory-mb", str(self._memory_mb)),
                     stdin=asyncio.subprocess.PIPE,
                     stdout=asyncio.subprocess.PIPE,
+                    env=os.environ | PLAIN_MEMORY,
                     start_new_session=True,
                 )
                 self._tasks = [

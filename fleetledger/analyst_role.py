@@ -30,7 +30,6 @@ from projections.sql import FILE, Breaker, SqlAnswer, ask
 NICE = 10  # commands and other queries go first
 STATEMENTS_MAX = 2  # at once
 CATCH_UP_S_MAX = 5.0  # a statement waits so long for the tables; then its caller comes again
-WRITING_BYTES = 135_000_000  # that DuckDB maps with its first rows (measured), and hardly uses
 BYTES_MAX = 16_000_000  # of an answer
 FAILED, RETIRED = 4, 5  # exit codes
 
@@ -94,7 +93,7 @@ class AnalystRole:
         analytics = Analytics.open(
             self._data / FILE, self._read, self._fleet_at, newest, self._memory_mb // 2, spill
         )
-        self._bytes_idle = _data_bytes() + WRITING_BYTES
+        self._bytes_idle = _data_bytes()
         _limit_memory(self._bytes_idle + self._memory_mb * 1_000_000)
         self._analytics = analytics
         while True:
