@@ -1,12 +1,14 @@
 """From a robot's first report to its place in the plan: adopted, placed, or kept as an obstacle."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import shapely
 
 from ledger.ids import SceneId
 from ledger.link import Mark, Piece, Report
+from ledger.scene import XY
 from scheduler.traffic.classes import corners
 from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_along, widened
 from scheduler.traffic.grants import Grants
@@ -96,6 +98,11 @@ class Admission:
         if found:
             self.entries[track.name] = found
 
+    def stand(self, track: Track, rings: Iterable[tuple[XY, ...]]) -> None:
+        """Have a robot that has not been placed keep these polygons."""
+        for ring in rings:
+            self._take(track, self._shape(shapely.Polygon(ring)), None)
+
     def enter(self, track: Track, entry: Entry, commit: int) -> None:
         """Commit the way to a stop."""
         heading = track.report.heading_rad if track.report is not None else 0.0
@@ -117,6 +124,9 @@ class Admission:
         if loaded and track.placed and not track.driven and track.trouble is None:
             track.cut_back(self.grants)
             track.place, track.trouble = None, LOAD_CHANGED
+            for piece, _ in track.pieces:
+                if track.progress.piece <= piece.number <= track.sent_authority.piece:
+                    self._take(track, self._shape(self._swept(track, piece)), START)
 
     def reshape(self, track: Track, taken: int) -> bool:
         """Take the ground of its class where it rests, if nobody is in the way; only then it gives
@@ -145,7 +155,21 @@ class Admission:
             self.grants.release(before.cell, track.name)
         track.owned.clear()
         track.owned.append(slot)
+        track.stray = None
         return True
+
+    def follow(self, track: Track, *, strays: bool) -> None:
+        """Keep the ground under a body that is not where its route says: somebody drives it by
+        hand, say. Nobody is granted that ground, and it gives up none until it is back on its own.
+        """
+        if track.stray is not None and track.owned[0] is track.stray:
+            self.grants.release(track.owned.popleft().cell, track.name)
+        track.stray = None
+        if strays and track.report is not None:
+            cell = self._shape(self._body(track, track.report))
+            self.grants.take(cell, track.name)
+            track.stray = Slot(cell=cell, end=None, commit=0, standing=True)
+            track.owned.appendleft(track.stray)
 
     # -- inside
 

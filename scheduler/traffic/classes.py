@@ -35,12 +35,15 @@ def corners(group: Group, *, loaded: bool) -> tuple[XY, ...]:
     return (*group.footprint, *group.footprint_loaded)
 
 
-def outline(group: Group, *, loaded: bool) -> shapely.Geometry:
-    """The true body of this class, in the robot's frame."""
-    empty = shapely.Polygon(group.footprint)
-    if not loaded or group.footprint_loaded is None:
-        return empty
-    return shapely.union(empty, shapely.Polygon(group.footprint_loaded))
+def outline(group: Group, *, loaded: bool) -> shapely.Polygon:
+    """The true body of this class, in the robot's frame; a load that lies apart from the robot
+    counts with what is between them.
+    """
+    bodies = [group.footprint]
+    if loaded and group.footprint_loaded is not None:
+        bodies.append(group.footprint_loaded)
+    whole = shapely.union_all([shapely.Polygon(body) for body in bodies])
+    return whole if isinstance(whole, shapely.Polygon) else whole.convex_hull
 
 
 class Classes:

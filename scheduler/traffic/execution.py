@@ -10,6 +10,7 @@ from ledger.ids import RobotName
 from scheduler.traffic.admission import Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.grants import Grants
+from scheduler.traffic.guard import Guard
 from scheduler.traffic.pibt import World, room
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import Builder, Leg
@@ -26,6 +27,7 @@ class Execution:
         """Take the tables of one area."""
         self._roadmap, self._grants = roadmap, grants
         self._admission, self._reserved = admission, reserved
+        self.guard = Guard(roadmap, grants)
         self._last = 0
         self._first = 0  # ways to a first stop come before all that is committed
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
@@ -52,10 +54,22 @@ class Execution:
             if track.reshaping and self._admission.reshape(track, self.taken(track)):
                 self.freed = True
 
+    def look(self, now_ms: int) -> None:
+        """Have the guard look, and keep the ground under robots that are not on their own."""
+        if self.guard.look(self.tracks.values(), now_ms):
+            for track in self.tracks.values():
+                strays = track.name in self.guard.strays
+                if strays or track.stray is not None:
+                    self._admission.follow(track, strays=strays)
+                    self.freed = True
+
     def acquire(self, shut: Shut) -> None:
         """Grant ground in commit order, until nothing more comes free by it."""
         self.freed = False
-        waiting = [t for t in self.tracks.values() if t.promised and not t.lost]
+        held = self.guard.held
+        waiting = [
+            t for t in self.tracks.values() if t.promised and not t.lost and t.name not in held
+        ]
         waiting.sort(key=lambda track: (track.promised[0].commit, track.name))
         again = True
         while again:

@@ -75,9 +75,10 @@ class Track(msgspec.Struct, kw_only=True):
     leaving: bool = False  # it rests on ground that somebody waits for
     barred: tuple[str, ...] = ()  # owners of reserved ground, or doors, that keep it from its goal
     commit: int = 0
-    state: tuple[bool, bool] = (True, True)  # near its end, resting there: when last looked at
     reshaping: bool = False  # it has not the ground of its class yet where it rests
     crowded_by: tuple[str, ...] = ()  # who is in the way of that
+    stray: Slot | None = None  # its body, first of `owned`, where its other ground does not hold it
+    state: tuple[bool, bool] = (True, True)  # near its end, resting there: when last looked at
 
     @property
     def aim(self) -> int | None:
@@ -209,8 +210,6 @@ class Track(msgspec.Struct, kw_only=True):
             return slot.end.piece < self.progress.piece
         return slot.end.along_m <= self.progress.along_m + ALONG_EPS
 
-    def let_go(self, grants: Grants) -> None:
-        """Give up everything: the robot is gone, or stands somewhere else."""
     def cut_back(self, grants: Grants) -> None:
         """Keep the ground that it owns, and no more of its route than reaches to its end."""
         for slot in self.promised:
@@ -219,11 +218,14 @@ class Track(msgspec.Struct, kw_only=True):
         while self.pieces and self.pieces[-1][0].number > self.sent_piece:
             self.pieces.pop()
 
+    def let_go(self, grants: Grants) -> None:
+        """Give up everything: the robot is gone, or stands somewhere else."""
         for slot in self.owned:
             grants.release(slot.cell, self.name)
         for slot in self.promised:
             grants.withdraw(slot.cell, self.name, slot.commit)
         self.owned.clear()
+        self.stray = None
         self.promised.clear()
         self.pieces.clear()
         self.end = self.progress

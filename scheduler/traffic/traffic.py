@@ -7,18 +7,21 @@ that it owns. The planner only proposes; every proposal is checked against the g
 from collections.abc import Mapping, Sequence, Set
 from pathlib import Path as FilePath
 
-from ledger.ids import PointName, RobotName, SceneId
+from ledger.ids import RobotName, SceneId
 from ledger.link import Drive, Plan, Report, TellRoute
 from ledger.scene import XY, Area, Door, Group
 from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
-from scheduler.traffic.admission import LOAD_CHANGED, OLD_ROUTE, Admission
+from scheduler.traffic.admission import LOAD_CHANGED, MOVED_M, OLD_ROUTE, Admission
+from scheduler.traffic.answers import Answers
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE, Costs
 from scheduler.traffic.doors import DoorNow, Doors
 from scheduler.traffic.execution import Execution
 from scheduler.traffic.grants import Grants
+from scheduler.traffic.guard import Breach
+from scheduler.traffic.ladder import Ladder, Stuck
 from scheduler.traffic.pibt import World
 from scheduler.traffic.planner import Distributed, Planner
 from scheduler.traffic.shown import Shown
@@ -28,10 +31,9 @@ from scheduler.traffic.wishes import agents, held_otherwise, overlay, relocate
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
 REPLAN_MS = 500  # while somebody waits; else planning follows events
-HEADING_OK_RAD = 0.1  # a heading demanded on arrival counts as met within this
 
 
-class Traffic:
+class Traffic(Answers):
     """One per scene and area. Deterministic: the same calls give the same answers."""
 
     def __init__(
@@ -56,6 +58,7 @@ class Traffic:
         self._doors = Doors(self.roadmap, self.grants, self._costs)
         self._execution = Execution(self.roadmap, self.grants, self._admission, self._reserved)
         self._planner: Planner = Distributed()
+        self._ladder = Ladder()
         self._goals: Mapping[RobotName, Goal] = {}
         self._fixed: frozenset[RobotName] = frozenset()
         self._dirty: Due | None = Due.ROBOTS  # why planning is due
@@ -71,13 +74,9 @@ class Traffic:
         longest time between two plannings when nothing happens.
         """
         self._admission.within_m = config.point_distance_m
-        self._admission.path_m = config.path_distance_m
+        self._admission.path_m = self._execution.guard.off_m = config.path_distance_m
         self._quiet_ms = config.traffic_plan_interval_ms
         self._plan_ms = 0  # what is due by the new interval is done at once
-
-    @property
-    def _tracks(self) -> dict[RobotName, Track]:
-        return self._execution.tracks
 
     # -- robots come, report, and go
 
@@ -110,6 +109,15 @@ class Traffic:
             track.lost = True
             self._dirty = Due.LOST
 
+    def remember(self, robot: RobotName, rings: Sequence[tuple[XY, ...]]) -> None:
+        """It has not been heard since our start: until it is, it keeps the ground that it held
+        when somebody last knew of it.
+        """
+        track = self._tracks.get(robot)
+        if track is not None and not track.placed and not track.owned:
+            self._admission.stand(track, rings)
+            self._dirty = Due.ROBOTS
+
     def load(self, robot: RobotName, *, loaded: bool) -> None:
         """It has something on it, or is about to; or nothing any more (see `classes`)."""
         track = self._tracks.get(robot)
@@ -128,7 +136,10 @@ class Traffic:
             track.lost, self._dirty = False, Due.LOST
         track.report = report
         if not track.placed:
+            remembered = len(track.owned)
             self._admission.receive(track, report, self._execution.taken(track))
+            for _ in range(remembered if track.placed else 0):
+                self.grants.release(track.owned.popleft().cell, track.name)
             self._news(track)
         elif track.trouble in (OLD_ROUTE, LOAD_CHANGED):
             self._admission.wait_on_old_route(track, report, self._execution.taken(track))
@@ -142,6 +153,9 @@ class Traffic:
             self._news(track)
         else:
             self._drift(track, report)
+        if track.stray is not None:
+            self._admission.follow(track, strays=True)
+            self._execution.freed = True
 
     def _news(self, track: Track) -> None:
         """A robot has been placed anew; numbers go on behind those it brought along."""
@@ -160,16 +174,33 @@ class Traffic:
         self._drift(track, report)
 
     def _drift(self, track: Track, report: Report) -> None:
-        """Look again at a robot that stands somewhere else than its route has led it."""
-        if not (track.driven and track.standing):
+        """Look again at a robot that stands somewhere else than its route has led it, and at one
+        that has no route of ours wherever it goes: people may drive it.
+        """
+        if not track.driven or (track.confirmed and not track.standing):
             return
-        if track.place is not None:
+        if track.place is not None and not track.owned[-1].standing:
             point = self.roadmap.net.points[self.roadmap.places.point[track.place]]
             off = max(abs(point.x_m - report.x_m), abs(point.y_m - report.y_m))
-            if off <= 2 * max(self._admission.within_m, 0.1):
+            if off <= MOVED_M:  # what it rests on is no wider
                 return
         if self._admission.moved(track, report, self._execution.taken(track)):
             self._news(track)
+
+    # -- the judge
+
+    def look(self, now_ms: int) -> list[Breach]:
+        """Give what must not be by the robots' newest reports (see `guard`)."""
+        held = self._execution.guard.held
+        self._execution.look(now_ms)
+        if held != self._execution.guard.held:
+            self._dirty = Due.ROBOTS
+            self._execution.freed = True
+        return self._execution.guard.breaches
+
+    def excuse(self, robot: RobotName) -> None:
+        """An operator lets it go on in spite of a breach."""
+        self._execution.guard.excuse(robot)
 
     # -- ground reserved by others
 
@@ -210,61 +241,6 @@ class Traffic:
         """By door, for whom it must be open, or open now."""
         return self._doors.wanted(self._tracks)
 
-    # -- answers
-
-    @property
-    def ready(self) -> bool:
-        """Has every robot that is not lost been placed."""
-        return all(track.placed or track.lost for track in self._tracks.values())
-
-    def trouble(self, robot: RobotName) -> str | None:
-        """Code of the reason why a robot cannot be moved; None if it can."""
-        track = self._tracks.get(robot)
-        return None if track is None else track.trouble
-
-    def can_rest(self, point: PointName) -> bool:
-        """May an order end here: a stop, or a point that robots may visit for an order only."""
-        return point in self.roadmap.place
-
-    def can_park(self, point: PointName) -> bool:
-        """May a robot stay here: a stop, where it hinders nobody that rests elsewhere."""
-        place = self.roadmap.place.get(point)
-        return place is not None and place < self.roadmap.places.stops
-
-    def stands_at(self, robot: RobotName, point: PointName) -> bool:
-        """Does it rest there with nothing committed beyond: a state, not an event."""
-        track = self._tracks.get(robot)
-        place = self.roadmap.place.get(point)
-        if track is None or place is None or track.place != place or track.trouble is not None:
-            return False
-        if not track.driven or not track.standing or track.report is None:
-            return False
-        return abs(self.roadmap.final_turn_rad(place, track.report.heading_rad)) <= HEADING_OK_RAD
-
-    def has_room(self, robot: RobotName) -> bool:
-        """Does it own the ground of a loaded robot where it rests."""
-        track = self._tracks.get(robot)
-        if track is None or track.trouble is not None:
-            return False
-        loaded = self.roadmap.classes.of(track.group, loaded=True)
-        return track.footprint == loaded and not track.reshaping
-
-    def cost_s(self, robot: RobotName, point: PointName) -> float:
-        """Seconds of driving from where its committed moves end; infinite = no way."""
-        self._reserved.heed(self._tracks.values())
-        track = self._tracks.get(robot)
-        place = self.roadmap.place.get(point)
-        if track is None or place is None or track.place is None:
-            return INFINITE
-        return track.costs.cost_s(track.place, track.heading_rad, place)
-
-    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
-        """Owners whose reserved ground alone keeps the robot from there; empty = none does."""
-        self._reserved.heed(self._tracks.values())
-        track = self._tracks.get(robot)
-        place = self.roadmap.place.get(point)
-        return () if track is None or place is None else self._reserved.in_way(track, place)
-
     # -- one step
 
     def step(
@@ -291,6 +267,7 @@ class Traffic:
 
     def _wish(self, now_ms: int, goals: Mapping[RobotName, Goal], busy: Set[RobotName]) -> None:
         fixed = frozenset(busy) | {track.name for track in self._tracks.values() if track.lost}
+        fixed |= self._execution.guard.held
         if goals == self._goals and fixed == self._fixed and not self._dirty:
             return
         self._dirty = self._dirty or Due.GOALS
@@ -322,12 +299,22 @@ class Traffic:
         )
         overlay(world, held_otherwise(tracks, self.grants))
         self._world = world
-        self._waits.note(
-            self._execution.admit(world, self._planner.propose(world)), self._tracks, now_ms
+        proposed = self._ladder.propose(
+            world, self._tracks, self._held_up_by, self._planner, now_ms
         )
+        outcomes = self._execution.admit(world, proposed)
+        self._ladder.note((o.robot for o in outcomes if o.committed), now_ms)
+        self._waits.note(outcomes, self._tracks, now_ms)
         waits = any((t.goal, t.relocation) not in ((t.place, None), (None, None)) for t in tracks)
         waits = waits or bool(self._admission.entries)
         self._plan_ms = now_ms + (min(REPLAN_MS, self._quiet_ms) if waits else self._quiet_ms)
+
+    def _held_up_by(self, track: Track) -> list[str]:
+        if not track.promised:
+            return []
+        slot = track.promised[0]
+        doors = self._doors.before(track)
+        return [*doors, *self.grants.blockers(slot.cell, track.name, slot.commit)]
 
     def _tell(self, now_ms: int) -> list[Drive | TellRoute]:
         names: Set[RobotName] = self._execution.touched
@@ -358,6 +345,10 @@ class Traffic:
             )
             for track in self._tracks.values()
         ]
+
+    def stuck(self, now_ms: int) -> Mapping[RobotName, Stuck]:
+        """Robots that a person has to help, and what is in their way."""
+        return self._ladder.stuck(self._tracks, now_ms)
 
     @property
     def pushes(self) -> int:

@@ -1,0 +1,80 @@
+"""The questions that dispatch asks of traffic (`scheduler.roads.Roads`): they change nothing."""
+
+from ledger.ids import PointName, RobotName
+from scheduler.traffic.claims import Claims
+from scheduler.traffic.costs import INFINITE
+from scheduler.traffic.execution import Execution
+from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.track import Track
+
+HEADING_OK_RAD = 0.1  # a heading demanded on arrival counts as met within this
+
+
+class Answers:
+    """What can be said of one area; `Traffic` is one that also moves its robots."""
+
+    roadmap: Roadmap
+    _execution: Execution
+    _reserved: Claims
+
+    @property
+    def _tracks(self) -> dict[RobotName, Track]:
+        return self._execution.tracks
+
+    @property
+    def ready(self) -> bool:
+        """Has every robot that is not lost been placed."""
+        return all(track.placed or track.lost for track in self._tracks.values())
+
+    def trouble(self, robot: RobotName) -> str | None:
+        """Code of the reason why a robot cannot be moved; None if it can."""
+        track = self._tracks.get(robot)
+        return None if track is None else track.trouble
+
+    def can_rest(self, point: PointName) -> bool:
+        """May an order end here: a stop, or a point that robots may visit for an order only."""
+        return point in self.roadmap.place
+
+    def can_park(self, point: PointName) -> bool:
+        """May a robot stay here: a stop, where it hinders nobody that rests elsewhere."""
+        place = self.roadmap.place.get(point)
+        return place is not None and place < self.roadmap.places.stops
+
+    def stands_at(self, robot: RobotName, point: PointName) -> bool:
+        """Does it rest there with nothing committed beyond: a state, not an event."""
+        track = self._tracks.get(robot)
+        place = self.roadmap.place.get(point)
+        if track is None or place is None or track.place != place or track.trouble is not None:
+            return False
+        if not track.driven or not track.standing or track.report is None:
+            return False
+        return abs(self.roadmap.final_turn_rad(place, track.report.heading_rad)) <= HEADING_OK_RAD
+
+    def has_room(self, robot: RobotName) -> bool:
+        """Does it own the ground of a loaded robot where it rests."""
+        track = self._tracks.get(robot)
+        if track is None or track.trouble is not None:
+            return False
+        loaded = self.roadmap.classes.of(track.group, loaded=True)
+        return track.footprint == loaded and not track.reshaping
+
+    def cost_s(self, robot: RobotName, point: PointName) -> float:
+        """Seconds of driving from where its committed moves end; infinite = no way."""
+        self._reserved.heed(self._tracks.values())
+        track = self._tracks.get(robot)
+        place = self.roadmap.place.get(point)
+        if track is None or place is None or track.place is None:
+            return INFINITE
+        return track.costs.cost_s(track.place, track.heading_rad, place)
+
+    def reserved(self, robot: RobotName, point: PointName) -> tuple[str, ...]:
+        """Owners whose reserved ground alone keeps the robot from there; empty = none does."""
+        self._reserved.heed(self._tracks.values())
+        track = self._tracks.get(robot)
+        place = self.roadmap.place.get(point)
+        return () if track is None or place is None else self._reserved.in_way(track, place)
+
+    @property
+    def breaches_so_far(self) -> int:
+        """How often the guard has found what must not be."""
+        return self._execution.guard.count
