@@ -4,7 +4,7 @@ BIN := .venv/bin
 MINUTES ?= 20
 SEED ?= 1
 
-.PHONY: demo test lint check bench soak format docs clean
+.PHONY: demo test lint check bench bench-traffic soak format docs clean
 
 demo: .venv/runtime
 	$(BIN)/fleetledger demo
@@ -22,6 +22,9 @@ check: lint test
 
 bench: .venv/dev
 	$(BIN)/python -m bench
+
+bench-traffic: .venv/dev
+	$(BIN)/python -m bench.traffic
 
 soak: .venv/dev
 	$(BIN)/python -m tests.soak --minutes $(MINUTES) --seed $(SEED)
