@@ -24,18 +24,22 @@ from ledger.ids import OrderId
 from ledger.state import Fleet
 from projections.analytics_tables import (
     ALLOCATIONS,
+    ROBOT_WAITS,
     ROBOTS,
     SPANS,
+    WAIT_CYCLES,
     Allocation,
     PlacedRobot,
     allocations_of,
+    cycles_of,
     span_of,
+    waits_of,
 )
 from projections.spans import Spans
 from projections.sql_views import create_views
 from projections.tables import EVENTS, ORDERS, STEPS, Column, Placed, arrow, ddl, steps_of
 
-VERSION = 1  # of the tables; a file of another version is built anew
+VERSION = 2  # of the tables; a file of another version is built anew
 BATCH_EVENTS = 20_000  # in one transaction
 THREADS = 2
 MEMORY_MB_MAX = 1_000
@@ -53,6 +57,8 @@ _GROWING: tuple[tuple[str, tuple[Column[Any], ...]], ...] = (
     ("steps_done", STEPS),
     ("events_all", EVENTS),
     ("allocations_all", ALLOCATIONS),
+    ("robot_waits_all", ROBOT_WAITS),
+    ("wait_cycles_all", WAIT_CYCLES),
 )
 
 log = structlog.get_logger()
@@ -186,7 +192,16 @@ class Analytics:
 
     def _write(self) -> None:
         steps = [step for placed in self._ended for step in steps_of(placed)]
-        rows: tuple[Sequence[Any], ...] = (self._ended, steps, self._events, self._allocations)
+        waits = [wait for event in self._events for wait in waits_of(event)]
+        cycles = [cycle for event in self._events for cycle in cycles_of(event)]
+        rows: tuple[Sequence[Any], ...] = (
+            self._ended,
+            steps,
+            self._events,
+            self._allocations,
+            waits,
+            cycles,
+        )
         for (table, columns), some in zip(_GROWING, rows, strict=True):
             self._append(table, columns, some)
         for kind, (name, columns) in SPANS.items():

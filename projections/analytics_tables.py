@@ -3,9 +3,10 @@
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-from ledger.events import AnyEvent, AssignmentRejected, OrderAssigned
+from ledger.events import AnyEvent, AssignmentRejected, OrderAssigned, RobotsWaited
 from ledger.scene import Value
 from ledger.state import Robot
+from ledger.waits import WaitReason
 from projections.spans import Fault, Reservation, RobotState, Span, Wait
 from projections.tables import Column
 
@@ -33,6 +34,64 @@ class Allocation(Value, frozen=True, kw_only=True):
     chosen: bool = False
     cost_s: float | None = None
     reason: str | None = None
+
+
+class RobotWait(Value, frozen=True, kw_only=True):
+    """What one robot waited for in a stretch of time, summed up."""
+
+    scene_id: str
+    position: int
+    from_ms: int
+    until_ms: int
+    robot: str
+    reason: str
+    blockers: list[str]
+    place: str | None
+    times: int
+    seconds: float
+    longest_s: float
+
+
+class WaitCycle(Value, frozen=True, kw_only=True):
+    """Robots that waited for each other."""
+
+    scene_id: str
+    position: int
+    robots: list[str]
+    from_ms: int
+    until_ms: int | None
+
+
+def waits_of(event: AnyEvent) -> Iterator[RobotWait]:
+    """Give what each robot waited for, if an event sums that up."""
+    if isinstance(event, RobotsWaited):
+        for wait in event.waits:
+            yield RobotWait(
+                scene_id=event.scene,
+                position=event.position,
+                from_ms=event.from_ms,
+                until_ms=event.at_ms,
+                robot=wait.robot,
+                reason=wait.reason.value,
+                blockers=list(wait.blockers),
+                place=wait.place,
+                times=wait.times,
+                seconds=wait.total_ms / 1000,
+                longest_s=wait.longest_ms / 1000,
+            )
+
+
+def cycles_of(event: AnyEvent) -> Iterator[WaitCycle]:
+    """Give the robots that waited for each other, if an event tells of any."""
+    if isinstance(event, RobotsWaited):
+        for cycle in event.cycles:
+            yield WaitCycle(
+                scene_id=event.scene,
+                position=event.position,
+                robots=list(cycle.robots),
+                from_ms=cycle.from_ms,
+                until_ms=cycle.until_ms,
+            )
 
 
 def allocations_of(event: AnyEvent) -> Iterator[Allocation]:
@@ -99,6 +158,34 @@ ALLOCATIONS = (
     _field("chosen", "BOOLEAN", "It got the order."),
     _field("cost_s", "DOUBLE", "What it would have cost, s; NULL where it could not take it."),
     _field("reason", "VARCHAR", "Why it could not take the order."),
+)
+ROBOT_WAITS: tuple[Column[RobotWait], ...] = (
+    _field("scene_id", "VARCHAR", "Id of the scene."),
+    _field("position", "BIGINT", "Position of the event that sums it up."),
+    _field("from_on", "BIGINT", "Beginning of the stretch of time: ten minutes."),
+    _field("until_on", "BIGINT", "Its end."),
+    _field("robot", "VARCHAR", "Robot that waited."),
+    _field(
+        "reason",
+        "VARCHAR",
+        f"{', '.join(WaitReason)}: see [operations](operations.md#who-waits-for-whom).",
+    ),
+    _field(
+        "blockers",
+        "VARCHAR[]",
+        "For whom: robots; `external:` with the owner of reserved ground, `door:` with its name.",
+    ),
+    _field("place", "VARCHAR", "Point that it could not get to next."),
+    _field("times", "BIGINT", "How often in that time."),
+    _field("seconds", "DOUBLE", "How long in all."),
+    _field("longest_s", "DOUBLE", "How long once, counted from before that time if it began so."),
+)
+WAIT_CYCLES: tuple[Column[WaitCycle], ...] = (
+    _field("scene_id", "VARCHAR", "Id of the scene."),
+    _field("position", "BIGINT", "Position of the event that tells of it."),
+    _field("robots", "VARCHAR[]", "Robots that waited for each other."),
+    _field("from_on", "BIGINT", "Since when."),
+    _field("until_on", "BIGINT", "Until when; NULL = they still did when it was told."),
 )
 _SPAN = (
     _field("scene_id", "VARCHAR", "Id of the scene."),

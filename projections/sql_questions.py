@@ -316,4 +316,62 @@ GROUP BY owner
 ORDER BY held_s DESC, owner
 """,
     ),
+    _ask(
+        "Which robots made which others wait, and for how long?",
+        "Time that robots waited in traffic for one another on the last day, by pair; who waits "
+        "for several at once is counted for each of them. Other days: change the first condition.",
+        """
+SELECT w.robot, blocker, sum(times) AS times, sum(seconds) AS waited_s,
+       max(longest_s) AS longest_s, mode(reason) AS mostly
+FROM robot_waits AS w, unnest(blockers) AS u(blocker)
+WHERE until_on > (SELECT max(at_on) FROM events) - INTERVAL 1 DAY
+GROUP BY w.robot, blocker
+ORDER BY waited_s DESC, w.robot, blocker
+LIMIT 100
+""",
+    ),
+    _ask(
+        "Which place causes most waiting?",
+        "Time that robots waited to get to each point, why, and how many of them.",
+        """
+SELECT place, sum(seconds) AS waited_s, sum(times) AS times,
+       count(DISTINCT robot) AS robots, max(longest_s) AS longest_s, mode(reason) AS mostly
+FROM robot_waits
+WHERE place IS NOT NULL
+GROUP BY place
+ORDER BY waited_s DESC, place
+LIMIT 50
+""",
+    ),
+    _ask(
+        "When did robots wait for each other?",
+        "Cycles of three seconds and more by the robots in them: how often, and how long.",
+        """
+SELECT robots, count(DISTINCT from_on) AS times, min(from_on) AS first_on,
+       max(epoch(until_on - from_on)) AS longest_s
+FROM wait_cycles
+GROUP BY robots
+ORDER BY times DESC, robots
+""",
+    ),
+    _ask(
+        "How often does traffic plan, and push robots out of the way?",
+        "By day: plannings by what made them due, and robots that made way for others.",
+        """
+WITH noted AS (
+    SELECT date_trunc('day', at_on) AS day, body::JSON AS body
+    FROM events
+    WHERE type = 'RobotsWaited'
+), counted AS (
+    SELECT day, 'Pushes' AS what, (body ->> 'pushes')::BIGINT AS n FROM noted
+    UNION ALL
+    SELECT day, key, (body -> 'plannings' ->> key)::BIGINT
+    FROM (SELECT day, body, unnest(json_keys(body, '$.plannings')) AS key FROM noted)
+)
+SELECT day, what, sum(n)::BIGINT AS times
+FROM counted
+GROUP BY day, what
+ORDER BY day, what
+""",
+    ),
 )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ledger.scene import Value
-from projections.analytics_tables import ALLOCATIONS, ROBOTS, SPANS
+from projections.analytics_tables import ALLOCATIONS, ROBOT_WAITS, ROBOTS, SPANS, WAIT_CYCLES
 from projections.spans import Fault, Reservation, RobotState, Wait
 from projections.sql_questions import QUESTIONS
 from projections.tables import EVENTS, ORDERS, STEPS, Column
@@ -101,6 +101,19 @@ VIEWS: tuple[View, ...] = (
         doc="For what each order waited, from reason to reason, before and after it had a robot.",
         tables=("waits_done", "waits_live"),
         columns=_lasting(SPANS[Wait][1]),
+    ),
+    View(
+        name="robot_waits",
+        doc="Who waited for whom in traffic, summed up for every ten minutes in which somebody "
+        "waited; what was short is left out where it is much.",
+        tables=("robot_waits_all",),
+        columns=_shown(ROBOT_WAITS),
+    ),
+    View(
+        name="wait_cycles",
+        doc="Robots that waited for each other for three seconds or more.",
+        tables=("wait_cycles_all",),
+        columns=_shown(WAIT_CYCLES),
     ),
     View(
         name="robot_states",

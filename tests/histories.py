@@ -22,7 +22,7 @@ from ledger.evolve import evolve
 from ledger.ids import CommandId, SceneId
 from ledger.state import Fleet
 from tests import order_lives
-from tests.site_lives import DOORS, LIFTS, of_device, of_ground, of_robot, of_scene
+from tests.site_lives import DOORS, LIFTS, of_device, of_ground, of_robot, of_scene, of_traffic
 from tests.strategies import DAY_MS, SCENE, grid
 
 
@@ -90,6 +90,8 @@ def _next(random: Random, fleet: Fleet, scene: SceneId) -> AnyEvent | None:
     if roll < 0.995:
         kind = random.choice((of_scene, of_ground, of_device, of_device))
         return kind(random, fleet, scene)
+    if roll < 0.997:
+        return of_traffic(random, fleet, scene)
     if roll < 0.9985:
         return CommandAnswered(scene=scene, digest="a" * 64, status=200, body='{"ok":true}')
     return AnswersWindowSet(scene=scene, count_max=random.randint(1, 50), age_s_max=3600)

@@ -34,6 +34,7 @@ from ledger.events import (
     RobotResumed,
     RobotSoftStopLifted,
     RobotSoftStopped,
+    RobotsWaited,
     RobotTrafficReset,
     RobotWentOffDuty,
     RobotWentOnDuty,
@@ -45,10 +46,11 @@ from ledger.events import (
     SceneMapReplaced,
     SceneRenamed,
 )
-from ledger.ids import SceneId, UnitId, path_key
+from ledger.ids import PointName, RobotName, SceneId, UnitId, path_key
 from ledger.scene import Door, Lift, LiftFloor
 from ledger.scene_config import SceneConfig
 from ledger.state import BinStatus, DeviceKind, Fleet, MapUnit, Robot
+from ledger.waits import CycleSeen, WaitReason, WaitSum
 from tests.strategies import grid, robot_config
 
 DOORS = tuple(
@@ -175,3 +177,37 @@ def of_device(random: Random, fleet: Fleet, scene: SceneId) -> AnyEvent:
         DeviceFaulted(scene=scene, kind=DeviceKind.LIFT, device=lift, reason="not heard"),
     ]
     return random.choice(may)
+
+
+def of_traffic(random: Random, fleet: Fleet, scene: SceneId) -> AnyEvent:
+    names = sorted(r.name for r in fleet.robots.values() if r.scene == scene)
+    external = RobotName("external:crane")
+    waits = []
+    for name in random.sample(names, random.randint(1, len(names))):
+        others = [other for other in (*names, external) if other != name]
+        blockers = tuple(random.sample(others, random.randint(0, 2)))
+        longest_ms = random.randint(1_000, 60_000)
+        waits.append(
+            WaitSum(
+                robot=name,
+                reason=random.choice(list(WaitReason)),
+                blockers=blockers,
+                place=random.choice((None, PointName("AP1"), PointName("AP2"))),
+                times=random.randint(1, 5),
+                total_ms=longest_ms + random.randint(0, 9_000),
+                longest_ms=longest_ms,
+            )
+        )
+    from_ms = max(0, fleet.at_ms - 600_000)
+    ring = CycleSeen(
+        robots=tuple(names[:2]), from_ms=from_ms, until_ms=random.choice((None, fleet.at_ms))
+    )
+    return RobotsWaited(
+        scene=scene,
+        from_ms=from_ms,
+        waits=tuple(waits),
+        left_out_ms=random.randint(0, 999),
+        cycles=(ring,) if random.random() < 0.5 else (),
+        pushes=random.randint(0, 20),
+        plannings={"Goals": random.randint(1, 50), "Progress": random.randint(1, 900)},
+    )

@@ -32,6 +32,7 @@ from ledger.events import (
     RobotControlTaken,
     RobotSoftStopLifted,
     RobotSoftStopped,
+    RobotsWaited,
     Role,
     SceneConfigured,
     SceneImported,
@@ -50,6 +51,7 @@ from ledger.scene import Value
 from ledger.scene_config import SceneConfig
 from ledger.snapshot import save
 from ledger.state import Fleet, OrderStatus
+from ledger.waits import CycleSeen, WaitReason, WaitSum
 from tests.histories import history
 from tests.ledger.folders import in_threes, written
 from tests.strategies import SCENE
@@ -139,6 +141,12 @@ def _rest(fleet: Fleet) -> Iterator[AnyEvent]:
         scene=nowhere, caller="mallory", address="10.0.0.9", call="GET /", code="errNotSignedIn"
     )
     yield AnswersWindowSet(scene=nowhere, count_max=5_000, age_s_max=3_600)
+    ring = CycleSeen(robots=tuple(robots[:2]), from_ms=5, until_ms=9_000)
+    reason, blockers = WaitReason.BEHIND_ROBOT, (robots[1],)
+    waited = WaitSum(robot=robots[0], reason=reason, blockers=blockers, total_ms=8_995)
+    yield RobotsWaited(
+        scene=SCENE, from_ms=5, waits=(waited,), cycles=(ring,), plannings={"Goals": 3}
+    )
 
 
 def story() -> list[AnyEvent]:

@@ -33,6 +33,7 @@ from ledger.events import (
     RobotConnected,
     RobotDisconnected,
     RobotGivenUp,
+    RobotsWaited,
     StepsAdded,
     StepsChanged,
     StepsDeleted,
@@ -275,6 +276,33 @@ def test_reservations(answers: dict[str, list[Row]]) -> None:
         held_s[owner[id_]] += (NEWEST_MS - from_ms) / 1000
     found = {row[0]: (row[1], row[4]) for row in asked(answers, "reserved ground")}
     assert found == {name: (n, round(held_s[name], 6)) for name, n in asked_for.items()}
+
+
+def test_who_makes_whom_wait(answers: dict[str, list[Row]]) -> None:
+    waited: Counter[tuple[str, str]] = Counter()
+    places: Counter[str] = Counter()
+    for event in LOG.events:
+        for wait in event.waits if isinstance(event, RobotsWaited) else ():
+            if event.at_ms > NEWEST_MS - 24 * HOUR_MS:
+                waited.update({(wait.robot, other): wait.total_ms for other in wait.blockers})
+            places.update({wait.place: wait.total_ms} if wait.place else {})
+    found = {(row[0], row[1]): row[3] for row in asked(answers, "made which others wait")}
+    assert found == {pair: ms / 1000 for pair, ms in waited.items()}
+    by_place = {row[0]: row[1] for row in asked(answers, "place causes most waiting")}
+    assert by_place == {place: ms / 1000 for place, ms in places.items()}
+
+
+def test_cycles_and_plannings(answers: dict[str, list[Row]]) -> None:
+    noted = [event for event in LOG.events if isinstance(event, RobotsWaited)]
+    seen = {tuple(cycle.robots) for event in noted for cycle in event.cycles}
+    assert {tuple(row[0]) for row in asked(answers, "wait for each other")} == seen
+    times: Counter[str] = Counter()
+    for _, what, n in asked(answers, "push robots out of the way"):
+        times[what] += n
+    plannings = Counter({"Pushes": sum(event.pushes for event in noted)})
+    for event in noted:
+        plannings.update(event.plannings)
+    assert times == plannings
 
 
 def test_use_of_robots(answers: dict[str, list[Row]]) -> None:
