@@ -10,7 +10,7 @@ demo: .venv/runtime
 	$(BIN)/fleetledger demo
 
 test: .venv/dev
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses auto --dist loadfile
 
 lint: .venv/dev
 	$(BIN)/ruff format --check .
