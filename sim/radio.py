@@ -1,8 +1,10 @@
 """The air between robots and fleet: reports get lost, come twice, or come after newer ones."""
 
 import random
+from collections.abc import Container
 
-from ledger.link import DISPATCHER, Report
+from ledger.ids import RobotKey, robot_key
+from ledger.link import Report
 from sim.faults import FaultMix
 
 LATE_MAX = 1_000  # reports on their way; more are lost
@@ -18,16 +20,17 @@ class Radio:
         self._reordered = self._repeated + mix.reordered_ratio
         self._late: list[Report] = []
 
-    def pass_on(self, reports: list[Report]) -> list[Report]:
+    def pass_on(self, reports: list[Report], moved: Container[RobotKey]) -> list[Report]:
         """Give what arrives of these, and behind them what is late of the round before.
 
-        Of a robot that people drive all arrives: nobody but them keeps it off others until the
+        Of a robot that people have moved all arrives: nobody but they keep others off it until the
         fleet knows where it is, and how they do that is not what is tried here.
         """
         arriving, late = [], self._late
         self._late = []
         for report in reports:
-            chance = self._rng.random() if report.controller == DISPATCHER else 1.0
+            key = robot_key(report.scene, report.robot)
+            chance = 1.0 if key in moved else self._rng.random()
             if chance < self._lost:
                 continue
             if chance >= self._repeated and chance < self._reordered:

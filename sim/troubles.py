@@ -46,6 +46,11 @@ class Troubles:
         self.suffering: dict[RobotKey, Trouble] = {}
         self.struck: dict[str, int] = dict.fromkeys(self._rates, 0)
 
+    @property
+    def moved(self) -> set[RobotKey]:
+        """Robots that people have moved, or are about to."""
+        return {key for key, trouble in self.suffering.items() if trouble.kind in (JUMP, HAND)}
+
     def step(
         self,
         now_s: float,

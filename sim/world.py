@@ -172,6 +172,13 @@ class World:
 
     # -- faults, and people at the robot itself
 
+    @property
+    def troubles(self) -> dict[RobotKey, str]:
+        """Robots that a fault has struck, and how; late ones and lost reports are none."""
+        if self._troubles is None:
+            return {}
+        return {key: trouble.kind for key, trouble in self._troubles.suffering.items()}
+
     def cut(self, scene: SceneId, robot: RobotName, *, deaf: bool = False) -> None:
         """Cut the link: nothing comes or goes but the call to reconnect, and if deaf not even it.
 
@@ -240,7 +247,9 @@ class World:
             if robot.hears is Hears.ALL
             and (robot.changed or not changed_only or robot.body.scene in whole)
         ]
-        return said if self._radio is None else self._radio.pass_on(said)
+        if self._radio is None:
+            return said
+        return self._radio.pass_on(said, () if self._troubles is None else self._troubles.moved)
 
     def save(self) -> bytes:
         """Take down everybody at one moment; those of whom `load` told and who are not back too."""
