@@ -14,9 +14,9 @@ from fleetledger.proposing import ProposalsAnswer
 from ledger.bus import EVENTS_KEY, PROPOSE_KEY, Bus, counts_key, plans_key
 from ledger.events import AnyEvent
 from ledger.feed import FeedFollower
-from ledger.ids import RobotName, SceneId
+from ledger.ids import RobotKey, RobotName, SceneId, robot_key
 from ledger.link import DoorReport, Plan, Report
-from ledger.proposals import AnyProposal
+from ledger.proposals import AnyProposal, StopRobot
 from ledger.scene import Area, Group
 from ledger.waits import Counts
 from scheduler.links.bus import BusLink
@@ -36,6 +36,7 @@ FOLLOW_S_MAX = 5.0
 # somebody waits for what comes of these: the next pass does not wait for its turn
 URGENT = (b'"type":"MapResourcesAsked"', b'"type":"RobotSoftStopped"')
 DEVICES_MAX = 10_000  # whose reports wait for the next pass
+STUCK_MAX = 10_000  # robots that the log remembers as stuck
 
 
 _answers = msgspec.json.Decoder(ProposalsAnswer)
@@ -97,6 +98,7 @@ class SchedulerRole:
         self._cache = cache
         self._follower = FeedFollower(bus)
         self._inbox = Inbox()
+        self._stuck: dict[RobotKey, str] = {}  # what the log has been told of
         self._in_vain = False  # the core takes no proposals for now
         link = BusLink(bus)
         devices = BusDevices(bus)
@@ -130,13 +132,32 @@ class SchedulerRole:
             self._in_vain = not self._in_vain
             words = "proposals are not taken" if self._in_vain else "proposals are taken again"
             log.warning(words, reason=answer.unavailable)
+        for proposal in proposals:
+            if isinstance(proposal, StopRobot):
+                log.error("robot stopped", robot=proposal.robot, reason=proposal.reason)
         for refused in answer.refused:
             log.info("refused", proposal=repr(proposals[refused.index]), reason=refused.code)
         self._follower.wait(answer.position, FOLLOW_S_MAX)
         return self._follower.drain()
 
     def _show(self, scene: SceneId, plans: Sequence[Plan]) -> None:
+        for plan in plans:
+            self._tell_stuck(robot_key(scene, plan.robot), plan)
         self._bus.publish(plans_key(scene), msgspec.json.encode(plans))
+
+    def _tell_stuck(self, key: RobotKey, plan: Plan) -> None:
+        """Log once that a robot cannot get on, and once that it can again."""
+        text = None if plan.alarm is None else plan.alarm.message
+        if text == self._stuck.get(key):
+            return
+        if plan.alarm is None:
+            del self._stuck[key]
+            log.info("robot is no longer stuck", scene=plan.scene, robot=plan.robot)
+        else:
+            self._stuck[key] = plan.alarm.message
+            if len(self._stuck) > STUCK_MAX:  # of robots that have been taken away since
+                del self._stuck[next(iter(self._stuck))]
+            log.warning("robot is stuck", scene=plan.scene, robot=plan.robot, reason=text)
 
     def _count(self, counts: Counts) -> None:
         self._bus.publish(counts_key(counts.scene), msgspec.json.encode(counts))

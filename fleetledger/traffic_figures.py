@@ -67,8 +67,17 @@ class TrafficFigures:
             for reason in WaitReason:
                 robots.add_metric([scene, reason.value], waiting[scene, reason])
             longest.add_metric([scene], lasts_ms / 1000)
+        stuck = GaugeMetricFamily(
+            "fleetledger_traffic_stuck_robots",
+            "Robots that cannot get on without a person",
+            labels=["scene"],
+        )
+        for scene in sorted(longest_ms):
+            alarmed = [plan for plan in fresh if plan.scene == scene and plan.alarm is not None]
+            stuck.add_metric([scene], len(alarmed))
         yield robots
         yield longest
+        yield stuck
         yield from self._counters()
 
     def _counters(self) -> Iterator[Metric]:
@@ -85,9 +94,22 @@ class TrafficFigures:
             "Times that robots waited for each other, for seconds",
             labels=["scene"],
         )
+        ladder = CounterMetricFamily(
+            "fleetledger_traffic_ladder",
+            "Searches for robots that were stuck, ways found for them, and alarms",
+            labels=["scene", "what"],
+        )
+        breaches = CounterMetricFamily(
+            "fleetledger_traffic_breaches",
+            "Times that robots were held for what must not be: bodies or ground that overlap",
+            labels=["scene"],
+        )
         for scene, counts in sorted(self._counts.items()):
+            breaches.add_metric([scene], counts.breaches)
             for due, count in sorted(counts.plannings.items()):
                 plannings.add_metric([scene, due], count)
             pushes.add_metric([scene], counts.pushes)
             cycles.add_metric([scene], counts.cycles)
-        yield from (plannings, pushes, cycles)
+            for what, count in sorted(counts.ladder.items()):
+                ladder.add_metric([scene, what], count)
+        yield from (plannings, pushes, cycles, ladder, breaches)

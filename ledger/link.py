@@ -90,6 +90,7 @@ class Instruction(Value, frozen=True, kw_only=True):
     at_ms: int
     on: bool = True
     gently: bool = False  # CONTROL: only if nobody else holds it
+    reason: str = ""  # SOFT_STOP: what our guard saw that must not be; empty = a person's
 
 
 class Instruct(Value, frozen=True, kw_only=True, tag=True):
@@ -234,6 +235,7 @@ class Plan(Value, frozen=True, kw_only=True):
     commit: int = 0  # number of its newest committed move, 0 = none
     moving: bool = False
     wait: Wait | None = None  # why it stands, if it should not
+    alarm: Alarm | None = None  # it cannot get on without a person, and why
 
 
 class DoorStatus(StrEnum):

@@ -56,6 +56,9 @@ class Counts(Value, frozen=True, kw_only=True):
     plannings: dict[str, int] = {}  # by what made them due
     pushes: int = 0
     cycles: int = 0  # of robots that waited for each other, for a while
+    # Searches for a way out of being stuck, ways found (rescues), and robots a person was told of.
+    ladder: dict[str, int] = {}
+    breaches: int = 0  # times that the guard saw what must not be
 
 
 def chains(waits: Iterable[Wait]) -> list[Chain]:

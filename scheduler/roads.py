@@ -10,6 +10,7 @@ from ledger.scene import XY, Area, Door, Group
 from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
 from scheduler.traffic.doors import DoorNow
+from scheduler.traffic.guard import Breach
 
 
 class Roads(Protocol):
@@ -78,12 +79,26 @@ class TrafficLike(Roads, Protocol):
     ) -> list[Drive | TellRoute]:
         """Plan and grant; who is busy neither moves nor is pushed."""
 
+    def look(self, now_ms: int) -> list[Breach]:
+        """Give what must not be by the robots' newest reports."""
+
+    def excuse(self, robot: RobotName) -> None:
+        """Let a robot go on in spite of a breach."""
+
+    @property
+    def breaches_so_far(self) -> int:
+        """Count what must not have been."""
+
     def plans(self, now_ms: int) -> list[Plan]:
         """Say what is intended with every robot."""
 
     @property
     def pushes(self) -> int:
         """Count the robots that were sent out of the way of others."""
+
+    @property
+    def ladder(self) -> Mapping[str, int]:
+        """Count what was done for robots that were stuck, and those of whom a person was told."""
 
     @property
     def plannings(self) -> Mapping[str, int]:

@@ -6,7 +6,7 @@ from collections.abc import Set as AbstractSet
 
 from ledger.ids import PointName, RobotName
 from ledger.link import Drive, Plan, Report, TellRoute, ToDevice
-from ledger.proposals import GrantMapResources
+from ledger.proposals import AnyProposal, GrantMapResources
 from ledger.scene import Scene
 from ledger.state import Fleet, Order, Robot
 from scheduler.corridors import find_corridors
@@ -21,6 +21,7 @@ from scheduler.traffic.classes import carries
 from scheduler.view import RobotView, View
 from scheduler.waiting import Waiting
 from scheduler.watch import Watch, has_moved, watched
+from scheduler.watchman import Watchman
 
 REPORTS_QUEUED_MAX = 16  # of one robot between two ticks
 GATHER_MS = 10_000  # robots that have not spoken for so long after our start are not waited for
@@ -45,6 +46,7 @@ class Site:
         self._broken_doors: frozenset[str] = frozenset()
         self._resets: set[RobotName] = set()  # asked for, and not done yet
         self._loading: AbstractSet[RobotName] = frozenset()
+        self._watchman = Watchman()
         self.build(scene)
 
     def build(self, scene: Scene) -> None:
@@ -280,6 +282,10 @@ class Site:
             self._reservations.follow(claims, self.scene.areas, self.traffic)
         return self._reservations.due(self.scene.id, self.traffic)
 
+    def judge(self, robots: Sequence[Robot], now_ms: int) -> list[AnyProposal]:
+        """Stop whom the guard of traffic will not have drive on; let them go when it is over."""
+        return self._watchman.look(self.scene.id, robots, self.reports, self.traffic, now_ms)
+
     def steer(
         self,
         now_ms: int,
@@ -317,13 +323,21 @@ class Site:
 
     def take_plans(self, now_ms: int) -> list[Plan]:
         """Ask what traffic intends; it also says which robots it can move."""
-        plans = [plan for traffic in self.traffic.values() for plan in traffic.plans(now_ms)]
+        plans = [
+            self._watchman.alarmed(plan)
+            for traffic in self.traffic.values()
+            for plan in traffic.plans(now_ms)
+        ]
         self.plans = {plan.robot: plan for plan in plans}
         self.tally.take((plan.wait for plan in plans if plan.wait is not None), now_ms)
         plannings: Counter[str] = Counter()
+        ladder: Counter[str] = Counter()
         for traffic in self.traffic.values():
             plannings.update(traffic.plannings)
-        self.tally.count(sum(t.pushes for t in self.traffic.values()), plannings)
+            ladder.update(traffic.ladder)
+        every = self.traffic.values()
+        breaches = sum(traffic.breaches_so_far for traffic in every)
+        self.tally.count(sum(t.pushes for t in every), plannings, ladder, breaches)
         return plans
 
 

@@ -20,6 +20,8 @@ SUM_MS_MIN = 2_000  # shorter ones are left out
 KEYS_MAX = 20_000  # told apart in one stretch
 CYCLE_MS_MIN = 3_000  # robots that wait for each other for less are about to be pushed aside
 CYCLES_MAX = 50  # in one event
+LADDER = "Ladder:"  # before the words of what was done for who was stuck
+BREACHES = "Breaches"
 PUSHES = "Pushes"  # counted beside plannings, whose words are those of `traffic.waits.Due`
 
 _Key: TypeAlias = tuple[RobotName, WaitReason, tuple[RobotName, ...], PointName | None]
@@ -92,9 +94,16 @@ class Tally:
                 seen = CycleSeen(robots=robots, from_ms=ring.since_ms, until_ms=now_ms)
                 self._seen.append(seen)
 
-    def count(self, pushes: int, plannings: Mapping[str, int]) -> None:
+    def count(
+        self,
+        pushes: int,
+        plannings: Mapping[str, int],
+        ladder: Mapping[str, int] | None = None,
+        breaches: int = 0,
+    ) -> None:
         """Take in what traffic has counted since it was made, which may have been just now."""
-        now = {**plannings, PUSHES: pushes}
+        now = {**plannings, PUSHES: pushes, BREACHES: breaches}
+        now |= {f"{LADDER}{word}": number for word, number in (ladder or {}).items()}
         for word, number in now.items():
             known = self._known.get(word, 0)
             self._counted[word] += number - known if number >= known else number
@@ -102,10 +111,15 @@ class Tally:
 
     def counts(self, scene: SceneId, now_ms: int) -> Counts:
         """What has been counted since the beginning."""
-        plannings = {word: n for word, n in sorted(self._counted.items()) if word != PUSHES}
-        pushes = self._counted[PUSHES]
+        words = sorted(self._counted.items())
         return Counts(
-            scene=scene, at_ms=now_ms, plannings=plannings, pushes=pushes, cycles=self._cycles
+            scene=scene,
+            at_ms=now_ms,
+            plannings=_plannings(self._counted),
+            pushes=self._counted[PUSHES],
+            cycles=self._cycles,
+            breaches=self._counted[BREACHES],
+            ladder={word.removeprefix(LADDER): n for word, n in words if word.startswith(LADDER)},
         )
 
     def due(self, scene: SceneId, now_ms: int) -> NoteWaits | None:
@@ -135,8 +149,13 @@ class Tally:
             left_out_ms=rest_ms + all_ms - sum(found.total_ms for _, found in kept),
             cycles=(*seen, *lasting)[:CYCLES_MAX],
             pushes=more[PUSHES],
-            plannings={word: n for word, n in sorted(more.items()) if word != PUSHES},
+            plannings=_plannings(more),
         )
+
+
+def _plannings(counted: Counter[str]) -> dict[str, int]:
+    others = {word for word in counted if word == PUSHES or word.startswith(LADDER)}
+    return {word: n for word, n in sorted(counted.items()) if word not in others}
 
 
 def _sum(key: _Key, found: _Sum) -> WaitSum:

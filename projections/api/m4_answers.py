@@ -128,11 +128,11 @@ class SpaceResource(Answer):
 
 
 class RobotAlarm(Answer):
-    """Trouble that the robot reports itself."""
+    """Trouble that the robot reports itself, or that traffic has with it."""
 
     level: Literal["Info", "Warning", "Error", "Fatal"] = Field(description="How bad.")
-    code: str = Field(description="Code of the robot.")
-    message: str = Field(description="Words of the robot.")
+    code: str = Field(description="Code of the robot; TrafficStuck = it cannot get on.")
+    message: str = Field(description="In words.")
     times: int = Field(description="How often so far.")
     timestamp: int = Field(description="When, epoch ms.")
 
@@ -181,7 +181,7 @@ class UiRobotReport(Answer):
     sEmc: bool = Field(description="Soft emergency stop.")
     blocked: bool = Field(description="Blocked, as it says itself.")
     blockedMsg: int | None = Field(None, description="Code of blockedReason (spec/m4.md §8).")
-    alarms: list[RobotAlarm] = Field(description="Its own alarms.")
+    alarms: list[RobotAlarm] = Field(description="Its own alarms, and traffic's.")
     collision: CollisionPolygon = Field(description="Its outline.")
     loads: list[RobotLoadRelation] | None = Field(None, description="What lies on it.")
     battery: float | None = Field(None, description="0 to 1.")

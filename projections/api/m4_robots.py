@@ -115,7 +115,6 @@ def said(robot: Robot, group: Group, report: Report | None) -> Row:
             "emc": False,
             "sEmc": False,
             "blocked": False,
-            "alarms": [],
             "charging": False,
             "reloc": "Init",
         }
@@ -127,7 +126,6 @@ def said(robot: Robot, group: Group, report: Report | None) -> Row:
         "emc": report.emergency_stop,
         "sEmc": report.soft_stop,
         "blocked": report.blocked,
-        "alarms": [alarm_row(alarm) for alarm in report.alarms],
         "charging": report.charging,
         "reloc": "Success",
     }
@@ -187,6 +185,7 @@ def traffic(
 ) -> Row:
     """Say where it goes, and what ground it has for that."""
     row: Row = {
+        "alarms": alarms(report, plan),
         "unTravelled": list(plan.untravelled) if plan is not None else [],
         "spaces": spaces(plan),
         "tReady": plan is not None and plan.ready,
@@ -202,6 +201,14 @@ def traffic(
         row |= {"navId": str(plan.commit), "navStatus": navigation_status(report, plan)}
         row |= {"ttId": str(plan.commit), "ttStatus": "TrafficAccepted"}
     return row
+
+
+def alarms(report: Report | None, plan: Plan | None) -> list[Row]:
+    """Give the robot's own alarms, and traffic's if it cannot get on without a person."""
+    found = list(report.alarms) if report is not None else []
+    if plan is not None and plan.alarm is not None:
+        found.append(plan.alarm)
+    return [alarm_row(alarm) for alarm in found]
 
 
 def _robots_in_way(plan: Plan) -> list[str]:

@@ -20,6 +20,7 @@ from projections.fields import Row
 from projections.find import Find
 
 DEVICES = ("doors", "lifts", "terminals")
+WAITS = 52107  # "X waits for Y"
 CODES = {PointKind.CHARGING: (52101, "charge"), PointKind.PARKING: (52103, "park")}
 
 
@@ -136,7 +137,7 @@ class Status:
         }
 
     def _alarms(self) -> dict[str, list[Row]]:
-        """Say which robots have nowhere to charge or to park."""
+        """Say which robots have nowhere to charge or to park, and which cannot get on."""
         alarms = alarms_of(())
         live = self._live
         for scene in self._scenes():
@@ -149,6 +150,16 @@ class Status:
                         "desc": f"{','.join(names)}, have no {word} point in map.",
                         "times": 1,
                         "timestamp": self._since_s,
+                    }
+                )
+        for plan in live.plans.values():
+            if plan.alarm is not None:
+                alarms["errors"].append(
+                    {
+                        "code": WAITS,
+                        "desc": plan.alarm.message,
+                        "times": plan.alarm.times,
+                        "timestamp": plan.alarm.at_ms // 1000,
                     }
                 )
         return alarms

@@ -286,6 +286,7 @@ def _alike(one: Plan | None, other: Plan | None) -> bool:
         and one.target == other.target
         and one.untravelled == other.untravelled
         and one.blocked_by == other.blocked_by
+        and one.alarm == other.alarm
         and one.spaces == other.spaces
     )
 

@@ -4,14 +4,16 @@ from collections.abc import Container
 from itertools import islice
 
 from ledger.ids import RobotName, SceneId
-from ledger.link import DOOR, EXTERNAL, Plan, Space
+from ledger.link import DOOR, EXTERNAL, Alarm, AlarmLevel, Plan, Space
 from ledger.waits import Wait
 from scheduler.goal import Goal
 from scheduler.traffic.grants import Grants
+from scheduler.traffic.ladder import Stuck
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import Track
 
 SPACES_MAX = 32  # polygons per plan
+STUCK = "TrafficStuck"  # code of the alarm of a robot that cannot get on without a person
 
 
 class Shown:
@@ -30,6 +32,7 @@ class Shown:
         robots: Container[str],
         doors: tuple[str, ...],
         wait: Wait | None,
+        stuck: Stuck | None,
         now_ms: int,
     ) -> Plan:
         """Say what is intended with one robot; who is in its way and none of `robots` is an owner
@@ -56,6 +59,7 @@ class Shown:
             commit=track.commit,
             moving=not track.driven,
             wait=wait,
+            alarm=None if stuck is None else _alarm(stuck),
         )
 
     def _space(self, cell: int) -> Space:
@@ -66,3 +70,9 @@ class Shown:
         if space is None:
             space = self._spaces[cell] = Space(points=self._roadmap.ring(cell))
         return space
+
+
+def _alarm(stuck: Stuck) -> Alarm:
+    return Alarm(
+        level=AlarmLevel.ERROR, code=STUCK, message=stuck.text, times=1, at_ms=stuck.since_ms
+    )

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Set
 import msgspec
 
 from ledger.ids import RobotName
+from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.pibt import Agent, World, has_token
 
 # Without progress for so long a robot is stuck. Robots that are pushed aside on busy floors are
@@ -65,6 +66,11 @@ class Stalls:
             or agents[k].goal == agents[k].place
             or not is_patient(world, agents[k], hopeless)
         ]
+
+    def least_s(self, name: str) -> float:
+        """The least that a robot ever had left to its goal."""
+        best = self._best.get(name)
+        return INFINITE if best is None else best.left_s
 
     def since_ms(self, name: str) -> int | None:
         """When a robot last got nearer to its goal; None = it has none to get nearer to."""

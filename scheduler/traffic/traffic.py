@@ -333,7 +333,7 @@ class Traffic(Answers):
     def plans(self, now_ms: int) -> list[Plan]:
         """What is intended with each robot just now."""
         shown, robots, doors = self._shown, self._tracks.keys(), self._doors.before
-        waits = self.waits(now_ms)
+        waits, stuck = self.waits(now_ms), self.stuck(now_ms)
         return [
             shown.plan(
                 track,
@@ -341,6 +341,7 @@ class Traffic(Answers):
                 robots,
                 doors(track),
                 waits.get(track.name),
+                stuck.get(track.name),
                 now_ms,
             )
             for track in self._tracks.values()
@@ -349,6 +350,11 @@ class Traffic(Answers):
     def stuck(self, now_ms: int) -> Mapping[RobotName, Stuck]:
         """Robots that a person has to help, and what is in their way."""
         return self._ladder.stuck(self._tracks, now_ms)
+
+    @property
+    def ladder(self) -> Mapping[str, int]:
+        """How often a way was searched and found for who was stuck, and a person told."""
+        return self._ladder.counted.words()
 
     @property
     def pushes(self) -> int:

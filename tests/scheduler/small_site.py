@@ -36,6 +36,7 @@ from ledger.scene_config import SceneConfig
 from ledger.state import StepTask
 from scheduler.goal import Goal
 from scheduler.traffic.doors import DoorNow
+from scheduler.traffic.guard import Breach
 
 SCENE = SceneId("5f0000000000000000000001")
 ACTION_MS = 2_000
@@ -114,6 +115,8 @@ class SmallTraffic:
         self.at: dict[PointName, float] = {p.name: p.x_m for p in area.points}
         self.known: dict[RobotName, float | None] = {}  # where it ends up; None = not placed yet
         self.gone: set[RobotName] = set()
+        self.breaches: list[Breach] = []
+        self.excused: set[RobotName] = set()
         self.stuck: set[RobotName] = set()
         self.busy: AbstractSet[RobotName] = frozenset()
         self.goals: Mapping[RobotName, Goal] = {}
@@ -150,6 +153,14 @@ class SmallTraffic:
 
     def load(self, robot: RobotName, *, loaded: bool) -> None:
         assert robot in self.known
+
+    def look(self, now_ms: int) -> list[Breach]:
+        return self.breaches
+
+    def excuse(self, robot: RobotName) -> None:
+        self.excused.add(robot)
+
+    breaches_so_far = 0
 
     def lost(self, robot: RobotName) -> None:
         assert robot in self.known
@@ -211,6 +222,7 @@ class SmallTraffic:
 
     pushes = 0
     plannings: Mapping[str, int] = {}
+    ladder: Mapping[str, int] = {}
 
     def plans(self, now_ms: int) -> list[Plan]:
         return [
