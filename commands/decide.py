@@ -79,11 +79,13 @@ from ledger.proposals import (
     FinishStep,
     GiveUpRobot,
     GrantMapResources,
+    LiftStop,
     NoteWaits,
     RecoverDevice,
     RejectAssignment,
     RejectExecution,
     StartStep,
+    StopRobot,
     WithdrawOrder,
 )
 from ledger.state import Fleet
@@ -313,6 +315,10 @@ def decide_proposal(fleet: Fleet, proposal: AnyProposal, at_ms: int) -> Events:
             return execution.disconnect(fleet, proposal)
         case GiveUpRobot():
             return execution.give_up(fleet, proposal)
+        case StopRobot():
+            return execution.stop(fleet, proposal)
+        case LiftStop():
+            return execution.lift(fleet, proposal)
         case GrantMapResources():
             return resources.grant(fleet, proposal, at_ms)
         case FaultDevice():

@@ -10,17 +10,22 @@ from ledger.events import (
     RobotConnected,
     RobotDisconnected,
     RobotGivenUp,
+    RobotSoftStopLifted,
+    RobotSoftStopped,
     StepFinished,
     StepStarted,
 )
 from ledger.ids import RobotName
+from ledger.link import InstructionKind
 from ledger.proposals import (
     ConnectRobot,
     DisconnectRobot,
     FaultOrder,
     FinishStep,
     GiveUpRobot,
+    LiftStop,
     StartStep,
+    StopRobot,
 )
 from ledger.state import Fleet, Order, StepStatus
 
@@ -84,6 +89,24 @@ def give_up(fleet: Fleet, proposal: GiveUpRobot) -> Events:
     if robot.online or robot.given_up:
         return ()
     return (RobotGivenUp(scene=robot.scene, robot=robot.name),)
+
+
+def stop(fleet: Fleet, proposal: StopRobot) -> Events:
+    """Who is stopped already stays so, for whatever reason."""
+    robot = robot_in(fleet, proposal.scene, proposal.robot)
+    told = robot.told(InstructionKind.SOFT_STOP)
+    if told is not None and told.on:
+        return ()
+    return (RobotSoftStopped(scene=robot.scene, robot=robot.name, reason=proposal.reason),)
+
+
+def lift(fleet: Fleet, proposal: LiftStop) -> Events:
+    """The guard lifts what the guard has stopped; a person's stop is that person's."""
+    robot = robot_in(fleet, proposal.scene, proposal.robot)
+    told = robot.told(InstructionKind.SOFT_STOP)
+    if told is None or not told.on or not told.reason:
+        return ()
+    return (RobotSoftStopLifted(scene=robot.scene, robot=robot.name),)
 
 
 def _check_ready(order: Order, robot: RobotName, step: int) -> None:

@@ -113,7 +113,12 @@ def _robot_after(robot: Robot, event: RobotEvent) -> Robot:
             kind, on = _TOLD[type(event)]
             gently = isinstance(event, RobotControlTaken) and event.gently
             told = Instruction(
-                kind=kind, number=event.position, at_ms=event.at_ms, on=on, gently=gently
+                kind=kind,
+                number=event.position,
+                at_ms=event.at_ms,
+                on=on,
+                gently=gently,
+                reason=event.reason if isinstance(event, RobotSoftStopped) else "",
             )
             others = (i for i in robot.instructions if i.kind is not kind)
             return replace(robot, instructions=(*others, told))

@@ -102,6 +102,19 @@ class GiveUpRobot(Proposal, frozen=True, kw_only=True):
     robot: RobotName
 
 
+class StopRobot(Proposal, frozen=True, kw_only=True):
+    """What the guard of traffic sees must not be: the robot is to stop where it is."""
+
+    robot: RobotName
+    reason: str
+
+
+class LiftStop(Proposal, frozen=True, kw_only=True):
+    """What the guard stopped the robot for is over."""
+
+    robot: RobotName
+
+
 class GrantMapResources(Proposal, frozen=True, kw_only=True):
     """Traffic holds the ground of these external reservations for their owners now."""
 
@@ -149,6 +162,8 @@ AnyProposal: TypeAlias = (
     | ConnectRobot
     | DisconnectRobot
     | GiveUpRobot
+    | StopRobot
+    | LiftStop
     | GrantMapResources
     | FaultDevice
     | RecoverDevice

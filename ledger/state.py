@@ -6,7 +6,7 @@ import msgspec
 
 from ledger.canonical import canonical_json
 from ledger.ids import CommandId, OrderId, RobotKey, RobotName, SceneId, StepId, UnitId
-from ledger.link import Instruction
+from ledger.link import Instruction, InstructionKind
 from ledger.scene import XY, RobotConfig, Scene, Value
 
 STATE_VERSION = 3  # of the shapes below; a snapshot of another version is not used
@@ -169,6 +169,10 @@ class Robot(Value, frozen=True, kw_only=True):
     def name(self) -> RobotName:
         """Its name, unique in its scene."""
         return self.config.name
+
+    def told(self, kind: InstructionKind) -> Instruction | None:
+        """The newest instruction of a kind."""
+        return next((i for i in self.instructions if i.kind is kind), None)
 
 
 class MapUnit(Value, frozen=True, kw_only=True):

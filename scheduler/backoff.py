@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 from ledger.evolve_resources import device_key
 from ledger.ids import robot_key
+from ledger.link import InstructionKind
 from ledger.proposals import (
     AnyProposal,
     AssignOrder,
@@ -14,8 +15,10 @@ from ledger.proposals import (
     FaultDevice,
     GiveUpRobot,
     GrantMapResources,
+    LiftStop,
     NoteWaits,
     RecoverDevice,
+    StopRobot,
 )
 from ledger.state import Fleet
 
@@ -59,6 +62,10 @@ def _subject(fleet: Fleet, proposal: AnyProposal) -> Subject:
         robot = fleet.robots.get(robot_key(proposal.scene, proposal.robot))
         state = 0 if robot is None else robot.idle_since_ms + robot.online
         return (what, proposal.scene, proposal.robot, state)
+    if isinstance(proposal, StopRobot | LiftStop):
+        robot = fleet.robots.get(robot_key(proposal.scene, proposal.robot))
+        told = None if robot is None else robot.told(InstructionKind.SOFT_STOP)
+        return (what, proposal.scene, proposal.robot, 0 if told is None else told.number)
     if isinstance(proposal, FaultDevice | RecoverDevice):
         fault = fleet.device_faults.get(device_key(proposal.scene, proposal.kind, proposal.device))
         device = f"{proposal.kind}/{proposal.device}"

@@ -193,6 +193,7 @@ class Scheduler:
             )
             proposals.extend(self._reach(site, robots))
             site.take_in(robots, now_ms)
+            proposals.extend(site.judge(robots, now_ms))
             proposals.extend(site.reserve(self._fleet, robots, now_ms))
             site.devices.take_in(site.scene, now_ms)
             proposals.extend(site.devices.news(self._fleet, site.scene, now_ms))

@@ -73,13 +73,14 @@ class RobotReconfigured(OfRobot, frozen=True, kw_only=True):
 
 
 class RobotSoftStopped(OfRobot, frozen=True, kw_only=True):
-    """Someone pressed the soft emergency stop (`robots/{scene}/set-soft-emc`)."""
+    """Someone pressed the soft emergency stop (`robots/{scene}/set-soft-emc`), or the guard did."""
 
     robot: RobotName
+    reason: str = ""  # the guard's: what must not be, who, where; empty = a person's
 
 
 class RobotSoftStopLifted(OfRobot, frozen=True, kw_only=True):
-    """Someone lifted the soft emergency stop (`robots/{scene}/set-soft-emc`)."""
+    """Someone lifted the soft emergency stop (`robots/{scene}/set-soft-emc`), or the guard did."""
 
     robot: RobotName
 
