@@ -24,7 +24,7 @@ from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.stops import Places, choose
 
 PART_M = 3.0  # paths of twice this length and more are cut into parts of at least this
-COMPILER = 5  # grows whenever the same area gives another roadmap
+COMPILER = 6  # grows whenever the same area gives another roadmap
 
 
 def digest_of(area: Area, groups: Sequence[Group]) -> str:
@@ -131,6 +131,7 @@ def _save(file: FilePath, cells: Cells, places: Places, moves: Moves) -> None:
         "place": np.array([places.stops, *places.point]),
         "start": np.array(moves.start, dtype=np.int32),
         "end": np.array(moves.end, dtype=np.int32),
+        "retreats": np.array(sorted(moves.retreats), dtype=np.int32),
         "rest": np.array(rest_cells, dtype=np.int32),
     }
     rows = {
@@ -191,5 +192,6 @@ def _unpack(arrays: dict[str, npt.NDArray[Any]]) -> tuple[Cells, Places, Moves]:
         end=arrays["end"].tolist(),
         paths=_from_csr(arrays["paths_indptr"], arrays["paths_indices"]),
         need=bits("need"),
+        retreats=frozenset(arrays["retreats"].tolist()),
     )
     return cells, places, moves

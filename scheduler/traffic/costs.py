@@ -58,8 +58,8 @@ class Costs:
     one to a node of their own, which stands for "this place is the goal".
     """
 
-    def __init__(self, roadmap: Roadmap, limits: Kinematics) -> None:
-        """Make the graph once per group."""
+    def __init__(self, roadmap: Roadmap, limits: Kinematics, retreats: bool = False) -> None:
+        """Make the graph once per group; `retreats`: out of dead ends in reverse, too."""
         self.roadmap = roadmap
         self.limits = limits
         moves = roadmap.moves
@@ -75,12 +75,12 @@ class Costs:
                 place_of.append(moves.end[move])
                 heading_of.append(roadmap.heading_end[move])
             self.state.append(states[key])
-        self.closed_moves: frozenset[int] = frozenset()
+        self.closed_moves = frozenset() if retreats else moves.retreats
         self._closed_turns: frozenset[int] = frozenset()
         self._place_of = place_of
         self._goal = len(states)  # node of place k as a goal: _goal + k
         self._edges = self._all_edges(place_of, heading_of)
-        self._lay(np.ones(len(self._edges.move), dtype=bool))
+        self._lay(~np.isin(self._edges.move, sorted(self.closed_moves)))
 
     def closed(self, moves: Set[int], turns: Set[int]) -> "Costs":
         """The same without these moves as well, and without turning on these points."""

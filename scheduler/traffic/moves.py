@@ -39,6 +39,7 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     end: list[int]
     paths: list[tuple[int, ...]]
     need: list[int]  # bits of the places that must be empty, its end among them
+    retreats: frozenset[int] = frozenset()  # in reverse out of dead ends; the others stand first
 
     @property
     def count(self) -> int:
@@ -85,12 +86,16 @@ class Finder:
                     if part[key[0]] != part[start] or key[0] not in reached
                 }
                 self._add(found, start, missing)
-        return found
+        count = found.count
+        for start in range(len(self.places.point)):
+            self._add(found, start, self._best(start, THIRD_PARTIES_MAX, retreat=True))
+        return msgspec.structs.replace(found, retreats=frozenset(range(count, found.count)))
 
-    def _best(self, start: int, limit: int) -> dict[_Key, _Way]:
+    def _best(self, start: int, limit: int, retreat: bool = False) -> dict[_Key, _Way]:
         best: dict[_Key, _Way] = {}
         for first in self.net.out[self.places.point[start]]:
-            self._from(start, first, limit, best)
+            if self.net.retreat[first] == retreat:
+                self._from(start, first, limit, best)
         return best
 
     def _add(self, found: Moves, start: int, best: dict[_Key, _Way]) -> None:
@@ -152,6 +157,8 @@ class Finder:
         for after in net.out[point]:
             if net.end[after] == net.start[path]:
                 continue  # there and back again leads nowhere new
+            if net.retreat[after] and not net.retreat[path]:
+                continue
             angle = turn_rad(net.traces.heading_end[path], net.traces.heading_start[after])
             cost, met = self.drive[after], self.met[after]
             if angle:

@@ -21,6 +21,7 @@ class Network(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     named: int  # how many are points of the area
     number: dict[PointName, int]  # of these
     paths: list[Path]  # which each one is, or is a part of
+    retreat: list[bool]  # driven in reverse out of a dead end, which the map does not have
     start: list[int]
     end: list[int]
     out: list[list[int]]  # point -> paths that begin there
@@ -63,6 +64,7 @@ def network(area: Area, part_m: float = math.inf, whole: Set[PathKey] = frozense
         named=named,
         number=number,
         paths=paths,
+        retreat=[part.retreat for part in found],
         start=start,
         end=end,
         out=out,

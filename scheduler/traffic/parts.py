@@ -1,7 +1,7 @@
-"""The usable paths of an area, long ones cut into parts at points of our own.
+"""The usable paths of an area: long ones cut into parts, and out of dead ends in reverse too.
 
-On a two-way path of 21 m (a real map) there could be only one robot at a time; at the points inside
-it robots may stop, let others catch up, and turn back if they are pushed.
+On a two-way path of 21 m (a real map) there could be only one robot at a time; at points of our own
+inside it robots may stop, let others catch up, and turn back if they are pushed.
 """
 
 import math
@@ -25,6 +25,7 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     end: int
     curve: tuple[XY, ...]  # control points, both ends included
     straight: bool
+    retreat: bool = False  # the map has it, but not in reverse
 
 
 def parts(
@@ -58,7 +59,36 @@ def parts(
             made = _cut(one, int(length / part_m), points)
         long[path.key] = one, made
         found += made
-    return found
+    return found + _retreats(found)
+
+
+def _retreats(found: Sequence[Part]) -> list[Part]:
+    """Ways out of dead ends in reverse: the way out that the map has, over the ground of the way
+    in, so that nothing is driven against a one-way path.
+    """
+    near: dict[int, set[int]] = {}
+    ways: dict[tuple[int, int], list[Part]] = {}
+    for part in found:
+        near.setdefault(part.start, set()).add(part.end)
+        near.setdefault(part.end, set()).add(part.start)
+        ways.setdefault((part.start, part.end), []).append(part)
+    leaves = [point for point, others in near.items() if len(others) == 1]
+    made = []
+    while leaves:
+        inner = leaves.pop()
+        for mouth in near.pop(inner, ()):
+            for way in ways.get((inner, mouth), ()):
+                into = ways.get((mouth, inner), ())
+                if any(
+                    _same(way.curve, other.curve[::-1]) and way.path.backward == other.path.backward
+                    for other in into
+                ):
+                    path = msgspec.structs.replace(way.path, backward=not way.path.backward)
+                    made.append(msgspec.structs.replace(way, path=path, retreat=True))
+            near[mouth].discard(inner)
+            if len(near[mouth]) == 1:
+                leaves.append(mouth)
+    return sorted(made, key=lambda part: (part.key, part.start))
 
 
 def _cut(one: Part, count: int, points: list[Point]) -> list[Part]:

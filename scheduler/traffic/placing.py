@@ -79,11 +79,11 @@ def on_paths(roadmap: Roadmap, report: Report, within_m: float) -> list[Leg]:
             found = (round(float(off[k]), 6), before[k] + float(along[k]))
             best[paths[k]] = min(found, best.get(paths[k], found))
     ranked = sorted((off_m, path, at_m) for path, (off_m, at_m) in best.items())
-    lengths = roadmap.net.traces.length_m
+    lengths, retreat = roadmap.net.traces.length_m, roadmap.net.retreat
     return [
         Leg(path=path, from_m=max(at_m, 1e-6))
         for _, path, at_m in ranked
-        if at_m < lengths[path] - 1e-3
+        if at_m < lengths[path] - 1e-3 and not retreat[path]
     ]
 
 
@@ -96,7 +96,7 @@ def entries(
     net = roadmap.net
     heap: list[tuple[float, tuple[Leg, ...]]] = []
     if point is not None:
-        for path in net.out[point]:
+        for path in _out(roadmap, point):
             angle = turn_rad(heading_rad, net.traces.heading_start[path])
             if not angle or net.points[point].turning:
                 heap.append((net.traces.length_m[path] + angle, (Leg(path=path),)))
@@ -120,13 +120,18 @@ def entries(
         if place is not None and place < roadmap.places.stops and place not in ended:
             ended.add(place)
             found.append(_entry(roadmap, footprint, place, way, point, heading_rad))
-        for after in net.out[end]:
+        for after in _out(roadmap, end):
             angle = turn_rad(net.traces.heading_end[path], net.traces.heading_start[after])
             if after not in done and (not angle or net.points[end].turning):
                 tie += 1
                 further = cost + net.traces.length_m[after] + angle
                 heapq.heappush(queue, (further, tie, (*way, Leg(path=after))))
     return found
+
+
+def _out(roadmap: Roadmap, point: int) -> list[int]:
+    net = roadmap.net
+    return [path for path in net.out[point] if not net.retreat[path]]
 
 
 def _by_cost(way: tuple[float, tuple[Leg, ...]]) -> tuple[float, int]:

@@ -168,6 +168,7 @@ def _part(roadmap: Roadmap, piece: Piece) -> int | None:
     """The path, or the part of one, that a piece is driven over: it has the same end."""
     net = roadmap.net
     for k, path in enumerate(net.paths):
-        if path.key == piece.path and net.traces.curves[k][-1] == piece.curve[-1]:
+        same = path.key == piece.path and path.backward == piece.backward
+        if same and net.traces.curves[k][-1] == piece.curve[-1]:
             return k
     return None

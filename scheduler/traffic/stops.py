@@ -31,9 +31,10 @@ def passable(net: Network, point: int) -> bool:
     """Can every robot that arrives here also leave? Where turning is forbidden that takes an
     outgoing path with the heading of each incoming one.
     """
-    if net.points[point].turning or not net.out[point]:
+    out = [k for k in net.out[point] if not net.retreat[k]]
+    if net.points[point].turning or not out:
         return True
-    leaving = [net.traces.heading_start[k] for k in net.out[point]]
+    leaving = [net.traces.heading_start[k] for k in out]
     arriving = [net.traces.heading_end[k] for k, end in enumerate(net.end) if end == point]
     return all(any(turn_rad(a, b) == 0.0 for b in leaving) for a in arriving)
 
