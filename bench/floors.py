@@ -258,14 +258,14 @@ def rows(quick: bool = False, only: str = "") -> list[Row]:
     return [row(i, quick) for i in _instances() if only in f"{i.name} {i.robots}"]
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def report(title: str, rows: Callable[[bool, str], list[Row]], about: str | None) -> None:
+    """Measure what the command line asks for, and print it."""
+    parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--only", default="", help="instances with this in their names")
     given = parser.parse_args()
     found = rows(given.quick, given.only)
-    table = Table(title="traffic: floors")
+    table = Table(title=title)
     for column in found[0]:
         table.add_column(column, justify="right")
     for line in found:
@@ -274,4 +274,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    report("traffic: floors", rows, __doc__)
