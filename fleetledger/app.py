@@ -10,6 +10,7 @@ from ssl import SSLContext
 from threading import Event as Flag
 from typing import Any
 
+import msgspec
 import structlog
 from prometheus_client import REGISTRY, Gauge
 from starlette.types import ASGIApp
@@ -50,7 +51,7 @@ from fleetledger.sealer import Sealer
 from fleetledger.secrets import Secrets
 from fleetledger.start_check import check_folder, open_ledger, usable
 from fleetledger.traffic_figures import TrafficFigures
-from ledger.bus import PROPOSE_KEY
+from ledger.bus import LAST_KEY, PROPOSE_KEY
 from ledger.errors import LedgerError, Refused
 from ledger.events import AnyEvent
 from ledger.feed import BEAT_S, FeedServer
@@ -266,6 +267,7 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         stack.callback(intake.stop)
         _feed(stack, core, bus)
         bus.respond(PROPOSE_KEY, responder(core.handler, core.ledger))
+        bus.respond(LAST_KEY, lambda _: (msgspec.json.encode(live.last()),))
         access = await _access(stack, core, settings)
         app = _api(core, settings, access)
         port = await stack.enter_async_context(served(app, settings.host, settings.port, tls))

@@ -4,6 +4,7 @@ import random
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -11,7 +12,7 @@ import structlog
 
 from fleetledger.clock import Clock
 from fleetledger.proposing import ProposalsAnswer
-from ledger.bus import EVENTS_KEY, PROPOSE_KEY, Bus, counts_key, plans_key
+from ledger.bus import EVENTS_KEY, LAST_KEY, PROPOSE_KEY, Bus, counts_key, plans_key
 from ledger.events import AnyEvent
 from ledger.feed import FeedFollower
 from ledger.ids import RobotKey, RobotName, SceneId, robot_key
@@ -40,6 +41,7 @@ STUCK_MAX = 10_000  # robots that the log remembers as stuck
 
 
 _answers = msgspec.json.Decoder(ProposalsAnswer)
+_last = msgspec.json.Decoder(list[tuple[Report, Plan]])
 
 
 class Inbox:
@@ -106,6 +108,8 @@ class SchedulerRole:
         self.scheduler = Scheduler(
             fleet, self._propose, link, self._show, self._traffic, devices, self._count
         )
+        with suppress(TimeoutError):  # nobody knows anything
+            self.scheduler.remember(_last.decode(bus.ask(LAST_KEY, timeout_s=FOLLOW_S_MAX)[0]))
         devices.hear(self._inbox.device, _dropped)
         link.hear(
             self._inbox.report,

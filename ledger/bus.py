@@ -5,6 +5,7 @@ Keys are slash-separated; a subscription may end in `/**`. Handlers may run on a
 
 core ─ `fleet/events` (`ledger.feed.Told`: one for each commit, and one each second) ─► everybody
 core ─ answers `fleet/state` (the Fleet), `fleet/events/after` (`Told` behind a position)
+core ─ answers `fleet/last` (JSON array of [Report, Plan]: the newest it knows of each robot)
 scheduler ─ asks `fleet/propose` (JSON array of proposals) ─► core
 robot ─ `scenes/S/robots/R/report` ─► scheduler, core
 robot is there as long as its token is: `scenes/S/robots/R/alive`
@@ -25,6 +26,7 @@ EVENTS_KEY = "fleet/events"
 EVENTS_AFTER_KEY = "fleet/events/after"
 STATE_KEY = "fleet/state"
 PROPOSE_KEY = "fleet/propose"
+LAST_KEY = "fleet/last"
 
 Handler: TypeAlias = Callable[[str, bytes], None]  # key, payload
 Collected: TypeAlias = Callable[[], bytes | None]  # the oldest payload not yet fetched

@@ -235,6 +235,11 @@ class Live:
                 heapq.heapify(self._waiters)
         return self.fleet.position >= position
 
+    def last(self) -> list[tuple[Report, Plan]]:
+        """Give the newest of each robot, for a new scheduler; called on any thread."""
+        reports, plans = self.reports.copy(), self.plans.copy()
+        return [(reports[key], plan) for key, plan in plans.items() if key in reports]
+
     def observe(self, report: Report) -> None:
         """Take in what a robot reports; one that was overtaken on its way is dropped."""
         key = robot_key(report.scene, report.robot)

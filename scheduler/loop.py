@@ -107,8 +107,15 @@ class Scheduler:
         self._robots: dict[SceneId, list[RobotKey]] | None = None  # sorted; None = to be sorted
         self._sightings: dict[RobotKey, Sighting] = {}
         self._heard: set[RobotKey] = set()
+        self._last: list[tuple[Report, Plan]] = []
         self._since_ms: int | None = None  # of the first tick
         self._now_ms = 0
+
+    def remember(self, last: Sequence[tuple[Report, Plan]]) -> None:
+        """Take what the scheduler before this one knew of robots, before the first tick: of those
+        that do not answer nobody else could say where they stand.
+        """
+        self._last = list(last)
 
     def on_events(self, events: Sequence[AnyEvent]) -> None:
         """Evolve through events, in order; those that are known already are passed over."""
@@ -221,7 +228,8 @@ class Scheduler:
         self._opened = set(self._fleet.scenes)
         there = {id_ for id_, scene in self._fleet.scenes.items() if not scene.removed}
         for scene in sorted(there - self._sites.keys()):
-            self._sites[scene] = Site(self._fleet.scenes[scene], self._traffic, self._now_ms)
+            last = {r.robot: (r, plan) for r, plan in self._last if r.scene == scene}
+            self._sites[scene] = Site(self._fleet.scenes[scene], self._traffic, self._now_ms, last)
             self._paces[scene] = Pace()
             for id_, order in self._fleet.orders.items():
                 if order.scene == scene:

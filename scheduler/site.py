@@ -30,7 +30,14 @@ GATHER_MS = 10_000  # robots that have not spoken for so long after our start ar
 class Site:
     """Who is where; asks and feeds the traffic of each area."""
 
-    def __init__(self, scene: Scene, traffic: TrafficFactory, now_ms: int) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        traffic: TrafficFactory,
+        now_ms: int,
+        last: Mapping[RobotName, tuple[Report, Plan]] = {},
+    ) -> None:
+        """`last`: what a scheduler before this one knew of the robots."""
         self.scene = scene
         self.waiting = Waiting(scene.config.dispatch_sort)
         self.reports: dict[RobotName, Report] = {}
@@ -39,6 +46,7 @@ class Site:
         self.devices = SiteDevices(now_ms)
         self.tally = Tally(now_ms)
         self._factory = traffic
+        self._last = dict(last)
         self._since_ms = now_ms
         self._queues: dict[RobotName, list[Report]] = {}
         self._watches: dict[RobotName, Watch] = {}
@@ -114,7 +122,7 @@ class Site:
         newest = self.reports.get(name)
         if newest is None:
             wait = not robot.config.disabled and (robot.online or gathering)
-            self._expect(name, group, frozenset(self.traffic) if wait else frozenset())
+            self._await(name, group, wait=wait)
             return
         queue = self._queues.pop(name, [])
         in_service = robot.online and not robot.config.disabled
@@ -135,6 +143,18 @@ class Site:
                 self._observe(newest)  # back, and nothing heard since
             self._lost.discard(name)
         elif queue or name not in self._lost:  # it still stands there, and no one else may
+            self._lose(name)
+
+    def _await(self, name: RobotName, group: int, *, wait: bool) -> None:
+        """A robot that has not been heard since our start may be anywhere, or where it was last."""
+        last = self._last.get(name)
+        if last is None or last[0].area not in self.traffic:
+            self._expect(name, group, frozenset(self.traffic) if wait else frozenset())
+            return
+        report, plan = last
+        self._expect(name, group, frozenset({report.area}))
+        self.traffic[report.area].remember(name, [space.points for space in plan.spaces])
+        if not wait and name not in self._lost:
             self._lose(name)
 
     def _must_be_placed_anew(self, name: RobotName, group: int, *, in_service: bool) -> bool:
@@ -191,6 +211,7 @@ class Site:
         self._expect(name, 0, frozenset())
         self._lost.discard(name)
         self._resets.discard(name)
+        self._last.pop(name, None)
         for memory in (self.reports, self._queues, self._watches, self._memo, self.plans):
             memory.pop(name, None)
 

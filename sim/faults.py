@@ -6,6 +6,8 @@ the first part; the second part is of the surroundings, and of use to whoever ru
 virtual time (`fleetledger/surroundings.py`).
 """
 
+import msgspec
+
 from ledger.scene import Value
 
 JUMP_M_MAX = 0.5
@@ -41,6 +43,15 @@ class FaultMix(Value, frozen=True, kw_only=True):
     stranger_per_h: float = 0.0  # a vehicle that is no robot of ours crosses on reserved ground
     scheduler_restarts_per_h: float = 0.0
     core_restarts_per_h: float = 0.0
+
+    def times(self, factor: float) -> "FaultMix":
+        """All that has a rate so many times as often: hours of trouble in minutes."""
+        rates = {
+            name: getattr(self, name) * factor
+            for name in self.__struct_fields__
+            if name.endswith("_per_h")
+        }
+        return msgspec.structs.replace(self, **rates)
 
     @property
     def strikes(self) -> bool:

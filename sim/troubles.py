@@ -46,6 +46,12 @@ class Troubles:
         self.suffering: dict[RobotKey, Trouble] = {}
         self.struck: dict[str, int] = dict.fromkeys(self._rates, 0)
 
+    def end(self, now_s: float) -> None:
+        """Nothing strikes any more, and what has struck ends now."""
+        self._rates.clear()
+        for trouble in self.suffering.values():
+            trouble.end_s = min(trouble.end_s, now_s)
+
     @property
     def moved(self) -> set[RobotKey]:
         """Robots that people have moved, or are about to."""

@@ -179,6 +179,12 @@ class World:
             return {}
         return {key: trouble.kind for key, trouble in self._troubles.suffering.items()}
 
+    def calm(self) -> None:
+        """Let no new fault strike; people end what they are at."""
+        self._faults, self._radio = NONE, None
+        if self._troubles is not None:
+            self._troubles.end(self._elapsed_s)
+
     def cut(self, scene: SceneId, robot: RobotName, *, deaf: bool = False) -> None:
         """Cut the link: nothing comes or goes but the call to reconnect, and if deaf not even it.
 

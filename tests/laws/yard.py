@@ -141,6 +141,13 @@ class Yard:
         for id_, (owner, ring) in sorted(self.claims.items()):
             self.traffic.claim(id_, owner, (ring,), owned=id_ in self.owned)
 
+    def calm(self) -> None:
+        """From now on nothing goes wrong any more, and all ground is given back."""
+        self.mix = NONE
+        self.world.calm()
+        for id_ in list(self.claims):
+            self.release(id_)
+
     # -- one step
 
     def tick(self) -> None:
