@@ -277,10 +277,14 @@ def _of_concern(
 ) -> dict[RobotName, Wait]:
     """Leave out robots that have nowhere to go and are in nobody's way."""
     blocking = {name for wait in found.values() for name in wait.blockers}
+
+    def wants(track: Track) -> bool:
+        return not track.driven or track.goal not in (None, track.place)
+
     return {
         name: wait
         for name, wait in found.items()
-        if wait.blockers or name in blocking or tracks[name].goal not in (None, tracks[name].place)
+        if wait.blockers or name in blocking or wants(tracks[name])
     }
 
 
