@@ -58,12 +58,22 @@ class Costs:
     one to a node of their own, which stands for "this place is the goal".
     """
 
-    def __init__(self, roadmap: Roadmap, limits: Kinematics, retreats: bool = False) -> None:
-        """Make the graph once per group; `retreats`: out of dead ends in reverse, too."""
+    def __init__(
+        self,
+        roadmap: Roadmap,
+        limits: Kinematics,
+        guidance: Sequence[float] = (),
+        retreats: bool = False,
+    ) -> None:
+        """Make the graph once per group; `guidance`: seconds that each move is to seem longer;
+        `retreats`: out of dead ends in reverse, too.
+        """
         self.roadmap = roadmap
         self.limits = limits
         moves = roadmap.moves
         self.move_s = [roadmap.move_s(move, limits) for move in range(moves.count)]
+        if guidance:
+            self.move_s = [a + b for a, b in zip(self.move_s, guidance, strict=True)]
         states: dict[tuple[int, int], int] = {}
         self.state: list[int] = []  # move -> state in which it arrives
         place_of: list[int] = []
@@ -77,14 +87,14 @@ class Costs:
             self.state.append(states[key])
         self.closed_moves = frozenset() if retreats else moves.retreats
         self._closed_turns: frozenset[int] = frozenset()
-        self._place_of = place_of
+        self.place_of = place_of
         self._goal = len(states)  # node of place k as a goal: _goal + k
-        self._edges = self._all_edges(place_of, heading_of)
-        self._lay(~np.isin(self._edges.move, sorted(self.closed_moves)))
+        self.edges = self._all_edges(place_of, heading_of)
+        self._lay(~np.isin(self.edges.move, sorted(self.closed_moves)))
 
     def closed(self, moves: Set[int], turns: Set[int]) -> "Costs":
         """The same without these moves as well, and without turning on these points."""
-        found, edges = copy.copy(self), self._edges
+        found, edges = copy.copy(self), self.edges
         found.closed_moves = self.closed_moves.union(moves)
         found._closed_turns = self._closed_turns.union(turns)
         closed = sorted(found._closed_turns)
@@ -95,14 +105,14 @@ class Costs:
 
     def _lay(self, kept: _Array) -> None:
         """Make the graph of the edges that are kept; what was found in another is forgotten."""
-        edges, moves = self._edges, self.roadmap.moves
+        edges, moves = self.edges, self.roadmap.moves
         nodes = self._goal + len(self.roadmap.places.point)
         lowest = _lowest(edges.tails[kept], edges.heads[kept], edges.costs[kept], nodes)
         within = lowest[: self._goal, : self._goal]
         _, labels = connected_components(within, directed=True, connection="strong")
         self._reversed, component = lowest.T.tocsr(), labels.tolist()
         main = Counter(component).most_common(1)[0][0] if component else -1
-        home = {place for state, place in enumerate(self._place_of) if component[state] == main}
+        home = {place for state, place in enumerate(self.place_of) if component[state] == main}
         # Moves that end outside the largest part whose places all lead to each other, and those of
         # them that leave it: no way back.
         self.outside = [component[self.state[move]] != main for move in range(moves.count)]
@@ -139,6 +149,10 @@ class Costs:
             departure=departure,
             arrival=arrival,
         )
+
+    def goal_node(self, place: int) -> int:
+        """Node of the graph that stands for "this place is the goal"; those below are states."""
+        return self._goal + place
 
     def departure_s(self, place: int, heading_rad: float, move: int) -> float:
         """The turn before a move; infinite where turning is forbidden, or closed."""
