@@ -202,7 +202,7 @@ def test_what_makes_planning_due_is_counted():
 UNTOLD_MS = 3_600  # a grant that it does not follow is told of last
 
 
-@settings(max_examples=12)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from(["lattice", "aisles"]))
 def test_nobody_stands_without_a_reason_and_reasons_name_others(seed: int, kind: str):
     area = lattice(5, 5) if kind == "lattice" else warehouse(4, 5, 2, blind=(1,))
