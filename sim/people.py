@@ -42,17 +42,24 @@ def can_be_moved(robot: SimRobot) -> bool:
     return robot.speed == 0.0 and not working
 
 
-def clear(robot: SimRobot, x_m: float, y_m: float, others: Iterable[SimRobot]) -> bool:
-    """Could it stand and turn there, clear of all others and of the ways they may still drive."""
+def too_near(
+    robot: SimRobot, x_m: float, y_m: float, others: Iterable[SimRobot]
+) -> list[tuple[float, float, float]]:
+    """Where others are, or may still drive to, too near for a robot that stands or turns there;
+    each behind its distance.
+    """
+    found = []
     for other in others:
         if other is robot or other.body.area != robot.body.area:
             continue
         if other.body.scene != robot.body.scene:
             continue
         reach_m = robot.body.radius_m + other.body.radius_m + ROOM_M
-        if any(hypot(x - x_m, y - y_m) < reach_m for x, y in taken(other)):
-            return False
-    return True
+        for x, y in taken(other):
+            off_m = hypot(x - x_m, y - y_m)
+            if off_m < reach_m:
+                found.append((off_m, x, y))
+    return found
 
 
 def push(
@@ -65,7 +72,7 @@ def push(
     way_m, angle = rng.uniform(0.1, JUMP_M_MAX), rng.uniform(-pi, pi)
     turn = rng.uniform(-0.3, 0.3)
     at = x + way_m * cos(angle), y + way_m * sin(angle)
-    if not can_be_moved(robot) or has_way(robot) or not clear(robot, *at, others):
+    if not can_be_moved(robot) or has_way(robot) or too_near(robot, *at, others):
         return None
     if robot.actions.charging:
         robot.actions.stop_charging()
@@ -106,6 +113,7 @@ class Hand:
         if self.target is None:
             self.target = _target(robot, rng, ground, seen, home=home)
             if self.target is None:
+                self._back_off(dt_s, seen)
                 return False
         x, y = self.target
         left_m = hypot(x - robot.x, y - robot.y)
@@ -113,8 +121,9 @@ class Hand:
         if left_m > 0.0:
             heading = atan2(y - robot.y, x - robot.x)
             at = robot.x + way_m * cos(heading), robot.y + way_m * sin(heading)
-            if not clear(robot, *at, seen):
-                self.target = None  # wait, and perhaps go elsewhere
+            if too_near(robot, *at, seen):
+                self.target = None  # perhaps go elsewhere
+                self._back_off(dt_s, seen)
                 return False
             robot.x, robot.y, robot.heading = *at, heading
             robot.hand_mps = way_m / dt_s
@@ -127,6 +136,23 @@ class Hand:
         robot.point = next((p.name for p in ground.area.points if (p.x_m, p.y_m) == (x, y)), None)
         robot.controller = DISPATCHER
         return robot.point is not None
+
+    def _back_off(self, dt_s: float, others: list[SimRobot]) -> None:
+        """Who stands too near to others is pushed straight away from them, without turning: two
+        that are both driven by hand would else wait for each other for ever.
+        """
+        robot = self.robot
+        near = too_near(robot, robot.x, robot.y, others)
+        if not near:
+            return
+        off_m, x, y = min(near)
+        if off_m <= 0.0:
+            return
+        away = (robot.x - x) / off_m, (robot.y - y) / off_m
+        if all(away[0] * (robot.x - x) + away[1] * (robot.y - y) >= 0.0 for _, x, y in near):
+            robot.x += away[0] * SPEED_MPS * dt_s
+            robot.y += away[1] * SPEED_MPS * dt_s
+            robot.hand_mps = SPEED_MPS
 
 
 def _target(
@@ -141,6 +167,6 @@ def _target(
     if not near and ground.area.points:
         tried = [min(ground.area.points, key=lambda point: (away_m(point), point.name))]
     for point in tried:
-        if clear(robot, point.x_m, point.y_m, others):
+        if not too_near(robot, point.x_m, point.y_m, others):
             return point.x_m, point.y_m
     return None
