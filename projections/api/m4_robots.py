@@ -248,8 +248,8 @@ def _bin(index: int, content: RobotBin) -> Row:
 
 
 def load_row(load: Load, group: Group) -> Row:
-    """Give a RobotLoadRelation; loads are taken to lie within the robot's own outline."""
-    shape = _points(group.footprint)
+    """Give a RobotLoadRelation; a load lies within the outline of robot and load together."""
+    shape = _points(group.footprint_loaded or group.footprint)
     return {"type": "container", "id": load.container, "points": shape, "direction": 0.0}
 
 

@@ -120,7 +120,9 @@ class SceneMap(Answer):
         "[{name, x, y, kind, direction}], paths [{key, start, end, controls, backward}], bins "
         "[{name, point, tasks}], walls [[[x, y], [x, y]]]."
     )
-    groups: list[dict[str, Any]] = Field(description="id, name, footprint [[x, y]].")
+    groups: list[dict[str, Any]] = Field(
+        description="id, name, footprint [[x, y]], footprintLoaded likewise, or null."
+    )
 
 
 class PointsAndBins(Answer):

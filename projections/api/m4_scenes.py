@@ -71,7 +71,12 @@ def _encoded(id_: SceneId, digest: str, version: int, carrier: Unhashed) -> byte
         "version": digest,
         "areas": [_area(area) for area in scene.areas],
         "groups": [
-            {"id": group.id, "name": group.name, "footprint": group.footprint}
+            {
+                "id": group.id,
+                "name": group.name,
+                "footprint": group.footprint,
+                "footprintLoaded": group.footprint_loaded,
+            }
             for group in scene.groups
         ],
     }

@@ -43,7 +43,9 @@ def _groups(scene: SceneFile) -> list[Finding]:
     if not scene.groups:
         found.append(Finding(code="NoGroup", words="The scene has no robot group.", unusable=True))
     for group in scene.groups:
-        if len(group.footprint) < 3 or shapely.Polygon(group.footprint).area < 1e-4:
+        for corners in (group.footprint, group.footprint_loaded):
+            if corners is None or (len(corners) > 2 and shapely.Polygon(corners).area >= 1e-4):
+                continue
             words = f"Group {group.name} has no footprint: at least three corners are needed."
             found.append(Finding(code="FootprintEmpty", words=words, unusable=True))
         limits = group.kinematics
@@ -70,6 +72,7 @@ def _area(scene: SceneFile, area: Area) -> list[Finding]:
         words = f"Area {area.name} has no place where a robot may rest."
         return [*found, Finding(code="NoStop", words=words, unusable=True)]
     found += _near(area, roadmap, scene.groups)
+    found += _tight(area, roadmap, scene.groups)
     if not roadmap.moves.count:
         words = f"Area {area.name}: no robot can go from one place to another."
         return [*found, Finding(code="NoMove", words=words, unusable=True)]
@@ -129,6 +132,29 @@ def _near(area: Area, roadmap: Roadmap, groups: Sequence[Group]) -> list[Finding
         f"Robots rest on {roadmap.places.stops} of {len(net.points)} points."
     )
     return [Finding(code="PointsTooNear", words=words)]
+
+
+def _tight(area: Area, roadmap: Roadmap, groups: Sequence[Group]) -> list[Finding]:
+    """Points where loads are taken beside which a robot rests well, until it has its load."""
+    net, found = roadmap.net, []
+    for group in groups:
+        empty = roadmap.classes.of(group.id)
+        loaded = roadmap.classes.of(group.id, loaded=True)
+        if empty == loaded:
+            continue
+        before, after = (clashes(net, roadmap.cells, kind) for kind in (empty, loaded))
+        tight = {k: after[k] - before[k] for k in net.goals if after[k] - before[k]}
+        if tight:
+            named = [
+                f"{net.points[k].name} ({_some(sorted(net.points[q].name for q in others))})"
+                for k, others in tight.items()
+            ]
+            words = (
+                f"Area {area.name}: where loaded robots of group {group.name} hinder others at "
+                f"points beside which empty ones do not: {_some(sorted(named))}."
+            )
+            found.append(Finding(code="TightWhenLoaded", words=words))
+    return found
 
 
 def _room(area: Area, roadmap: Roadmap, robots: int) -> list[Finding]:

@@ -22,7 +22,9 @@ def plan(name: str, at_ms: int, since_ms: int | None = None) -> tuple[RobotKey, 
 def figures(plans: dict[RobotKey, Plan], bus: MemoryBus) -> list[str]:
     made = TrafficFigures(plans, lambda: 100_000)
     made.hear(bus)
-    counts = Counts(scene=SCENE, at_ms=1, plannings={"Goals": 7, "Pace": 2}, pushes=3, cycles=1)
+    counts = Counts(
+        scene=SCENE, at_ms=1, plannings={"Goals": 7, "Pace": 2}, pushes=3, cycles=1, breaches=2
+    )
     bus.publish(counts_key(SCENE), msgspec.json.encode(counts))
     bus.publish(counts_key(SCENE), b"nonsense")
     registry = CollectorRegistry()
@@ -53,3 +55,8 @@ def test_what_the_scheduler_counts_is_told_as_counters():
     assert f'fleetledger_traffic_plannings_total{{due="Goals",scene="{SCENE}"}} 7.0' in lines
     assert f'fleetledger_traffic_pushes_total{{scene="{SCENE}"}} 3.0' in lines
     assert f'fleetledger_traffic_wait_cycles_total{{scene="{SCENE}"}} 1.0' in lines
+
+
+def test_what_the_guard_saw_is_counted():
+    lines = figures({}, MemoryBus())
+    assert f'fleetledger_traffic_breaches_total{{scene="{SCENE}"}} 2.0' in lines

@@ -87,6 +87,10 @@ def test_another_content_has_another_digest() -> None:
         (change(SCENE, robots=(change(SCENE.robots[0], name=RobotName("a/b")),)), "robots[0].name"),
         (change(SCENE, groups=(Group(id=0, name="g", footprint=()),)), "groups[0].footprint"),
         (
+            change(SCENE, groups=(Group(id=0, name="g", footprint_loaded=((0.0, 1.0),)),)),
+            "groups[0].footprint_loaded",
+        ),
+        (
             change(
                 SCENE, groups=(Group(id=0, name="g", kinematics=Kinematics(turn_radps_max=0.0)),)
             ),

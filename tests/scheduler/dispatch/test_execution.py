@@ -8,9 +8,12 @@ from hypothesis import strategies as st
 
 from ledger.events import OrderAssigned, StepStarted
 from ledger.ids import BinName, PointName, RobotName
+from ledger.proposals import RejectExecution
 from ledger.scene import Bin, BinTask, Point
 from ledger.state import Step, StepTask
-from scheduler.dispatch.execution import action, due_action
+from scheduler.dispatch.continue_ import continue_
+from scheduler.dispatch.execution import action, due_action, takes_load
+from scheduler.dispatch.reasons import Why
 from scheduler.places import Place
 from tests.scheduler.dispatch.views import NOW_MS, Situation
 from tests.scheduler.small_site import SCENE, order
@@ -79,3 +82,30 @@ def test_a_robot_acts_only_after_its_last_creep_though_its_speed_may_be_noise_fo
     assert acts(0, 0.0)
     assert not acts(800, 0.002)
     assert acts(2_000, 0.002)
+
+
+def test_a_load_is_not_taken_before_there_is_room_for_it_and_that_is_said() -> None:
+    situation = Situation()
+    spot = situation.core.fleet.scenes[SCENE].areas[0].points[0]
+    situation.robot("A", spot.x_m)
+    situation.robot("B", 9.0)
+    lift = StepTask(location=spot.name, arguments='{"operation":"Lift"}', loads=True)
+    situation.happen(order(1, lift))
+    id_ = next(iter(situation.core.fleet.orders))
+    robot = RobotName("A")
+    situation.happen(
+        OrderAssigned(scene=SCENE, order=id_, robot=robot, bin=0, cost_s=0.0),
+        StepStarted(scene=SCENE, order=id_, step=0, robot=robot),
+    )
+    situation.report("A", spot.x_m)
+    situation.crowded["A"] = (RobotName("B"),)
+    view = situation.view()
+    assert takes_load(view, view.robots[robot])
+    assert due_action(view, view.robots[robot], NOW_MS) is None
+    said = [p for p in continue_(view, (), NOW_MS) if isinstance(p, RejectExecution)]
+    assert said[-1].code == Why.NO_ROOM_TO_LOAD
+    assert said[-1].robots == {"B": Why.ROBOT_IN_THE_WAY}
+    situation.crowded.clear()
+    view = situation.view()
+    assert due_action(view, view.robots[robot], NOW_MS) is not None
+    assert not [p for p in continue_(view, (), NOW_MS) if isinstance(p, RejectExecution)]

@@ -1,6 +1,6 @@
 """Views for the phases: a fleet, where its robots stand, and roads on a line."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 
 from hypothesis import strategies as st
 
@@ -33,10 +33,11 @@ class Line:
         points: Mapping[str, float],
         cut: set[str],
         owners: Mapping[str, tuple[str, ...]] | None = None,
+        crowded: Set[str] = frozenset(),
     ) -> None:
         self.x_m, self.points, self.cut = x_m, points, cut
         self.owners = owners or {}
-        self.crowded: set[str] = set()  # robots with no room for a load
+        self.crowded = crowded
 
     def stands_at(self, robot: RobotName, point: PointName) -> bool:
         return self.x_m[robot] == self.points[point]
@@ -63,6 +64,7 @@ class Situation:
         self.cut: set[str] = set()  # points that no route leads to
         self.owners: dict[str, tuple[str, ...]] = {}  # of reserved ground, by point
         self.unready: set[str] = set()
+        self.crowded: dict[str, tuple[RobotName, ...]] = {}  # no room for its load, for these
         self.still_since_ms: dict[str, int] = {}
         self.charging_since_ms: dict[str, int] = {}
 
@@ -105,6 +107,7 @@ class Situation:
                 at=current(orders),
                 report=self.reports.get(robot.name),
                 ready=robot.name not in self.unready,
+                blocked_by=self.crowded.get(robot.name, ()),
                 still_since_ms=self.still_since_ms.get(robot.name, 0),
                 charging_since_ms=self.charging_since_ms.get(robot.name),
             )
@@ -119,7 +122,13 @@ class Situation:
             places=find_places(scene),
             robots=robots,
             waiting=sorted(waiting, key=lambda o: (-o.priority, o.created_ms, o.id)),
-            roads=Line({n: r.x_m for n, r in self.reports.items()}, points, self.cut, self.owners),
+            roads=Line(
+                {n: r.x_m for n, r in self.reports.items()},
+                points,
+                self.cut,
+                self.owners,
+                self.crowded.keys(),
+            ),
             reallocate=reallocate,
         )
 

@@ -2,7 +2,7 @@ import msgspec
 import pytest
 
 from ledger.ids import BinName, PointName, RobotName
-from ledger.scene import Bin, Group, Path, Point, RobotConfig, SceneFile
+from ledger.scene import Bin, Group, Path, Point, PointKind, RobotConfig, SceneFile
 from scheduler.traffic.check import check_scene
 from tests.scheduler.traffic.maps import area_of, both, lattice, smap
 
@@ -87,3 +87,23 @@ def test_three_points_within_one_footprint_are_reported():
 
 def test_an_empty_area_is_unusable_and_harms_nobody():
     assert codes(area_of([], []))["NoStop"]
+
+
+def test_where_loads_are_taken_too_near_to_others_is_said():
+    """Two bins a metre and a half apart on two lanes: room for empty robots, not for pallets."""
+    points = [point("A0", 0.0, kind=PointKind.ACTION), point("A1", 4.0)]
+    beside = [
+        msgspec.structs.replace(p, name=PointName(f"B{k}"), y_m=1.5) for k, p in enumerate(points)
+    ]
+    area = area_of([*points, *beside], [*both("A0", "A1"), *both("B0", "B1"), *both("A1", "B1")])
+    pallet = ((0.9, 0.6), (-0.9, 0.6), (-0.9, -0.6), (0.9, -0.6))
+    empty, forks = (Group(id=0, name="g", footprint_loaded=shape) for shape in (None, pallet))
+    assert "TightWhenLoaded" not in codes(area, groups=(empty,))
+    found = check_scene(SceneFile(name="s", areas=(area,), groups=(forks,)))
+    words = next(finding.words for finding in found if finding.code == "TightWhenLoaded")
+    assert "A0 (B0)" in words
+
+
+def test_a_loaded_footprint_without_ground_is_unusable():
+    flat = Group(id=0, name="g", footprint_loaded=((0.0, 0.0), (1.0, 0.0), (2.0, 0.0)))
+    assert codes(lattice(2, 2), groups=(flat,))["FootprintEmpty"]
