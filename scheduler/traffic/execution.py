@@ -11,9 +11,10 @@ from scheduler.traffic.admission import Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Guard
-from scheduler.traffic.pibt import World, room
+from scheduler.traffic.pibt import World, room, turning_room
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import Builder, Leg
+from scheduler.traffic.safe import Safe
 from scheduler.traffic.track import Shut, Track
 from scheduler.traffic.waits import Outcome
 
@@ -33,6 +34,7 @@ class Execution:
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
         self.touched: set[RobotName] = set()  # there is something to tell them
         self.freed = False  # ground, since the last `acquire`
+        self.turns_ahead = False
 
     def adopt_numbers(self, track: Track) -> None:
         """Go on behind the numbers that a robot has brought along from before our start."""
@@ -97,8 +99,15 @@ class Execution:
                     self.touched.add(track.name)
                     break
 
-    def admit(self, world: World, proposed: Iterable[tuple[str, tuple[int, ...]]]) -> list[Outcome]:
-        """Commit what can be now of what a planner has proposed for this world, in its order."""
+    def admit(
+        self,
+        world: World,
+        proposed: Iterable[tuple[str, tuple[int, ...]]],
+        safe: Safe | None = None,
+    ) -> list[Outcome]:
+        """Commit what can be now of what a planner has proposed for this world, in its order, and
+        if asked for, what is safe.
+        """
         outcomes: list[Outcome] = []
         positions = 0
         for track in self.tracks.values():
@@ -111,8 +120,9 @@ class Execution:
             goal = track.aim
             need = room(world, track.place, track.heading_rad, moves, goal) & ~here
             before = track.place, track.heading_rad, track.commit
-            if track.near and not need & positions:
-                self._commit(track, moves, goal)
+            if track.near and not need & positions and (safe is None or safe.take(name, moves)):
+                ahead = self._ahead(world, track, moves, goal, positions & ~here)
+                self._commit(track, moves, goal, ahead)
                 positions = positions & ~here | 1 << track.place
             outcomes.append(
                 Outcome(
@@ -125,7 +135,25 @@ class Execution:
             )
         return outcomes
 
-    def _commit(self, track: Track, moves: tuple[int, ...], goal: int | None) -> None:
+    def _ahead(
+        self, world: World, track: Track, moves: tuple[int, ...], goal: int | None, others: int
+    ) -> float | None:
+        """The heading to turn to where the moves end, for the move that will be the best from
+        there; None = none, or there is no room. Ground asked for in advance is not reserved ground.
+        """
+        if not (self.turns_ahead and moves and goal is not None) or self._reserved:
+            return None
+        place = self._roadmap.moves.end[moves[-1]]
+        heading = self._roadmap.heading_end[moves[-1]]
+        ways = [] if place == goal else track.costs.ways(place, heading, goal)
+        point = self._roadmap.places.point[place]
+        if not ways or point in world.closed_turns or turning_room(world, place) & others:
+            return None
+        return self._roadmap.heading_start[min(ways)[1]]
+
+    def _commit(
+        self, track: Track, moves: tuple[int, ...], goal: int | None, ahead: float | None
+    ) -> None:
         """Append moves to a route, each under the next number; () is the turn that a goal asks."""
         assert track.place is not None
         roadmap, place = self._roadmap, track.place
@@ -140,6 +168,8 @@ class Execution:
             if not moves:
                 self._last += 1
             build.turn(demanded, moves[-1] if moves else -1, self._last)
+        if ahead is not None and build.pieces:
+            build.turn(ahead, moves[-1], self._last)
         if not build.pieces:
             return
         build.rest()

@@ -1,8 +1,8 @@
 """A way out that was found, followed to its end: the moves of a few robots, in a fixed order.
 
 Their moves go before what the planner proposes, their robots are nobody's to push, and the ground
-that they will need is closed to all others. Whoever is late holds up only those of them whose
-moves could not be driven before its own.
+of their next moves is closed to all others. Whoever is late holds up only those of them whose moves
+could not be driven before its own.
 """
 
 from collections.abc import Collection, Iterable
@@ -14,7 +14,8 @@ from scheduler.traffic.pibt import Agent, World, room
 
 # A way on which nothing has been committed for so long is given up: somebody on it works, or
 # stands still for another reason, and the floor around it has changed.
-IDLE_MS_MAX = 60_000
+IDLE_MS_MAX = 20_000
+CLOSED_AHEAD = 4  # moves whose ground is closed to others already
 
 
 class _Step(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,13 +47,8 @@ class Rescue(msgspec.Struct, kw_only=True):
         if now_ms - self.since_ms > IDLE_MS_MAX or not self.robots().isdisjoint(lost):
             return False
         steps = self._steps(world)
-        if len(steps) < len(self.way):
-            return False
-        others = 0
-        for agent in world.agents:
-            if agent.name not in self.robots():
-                others |= 1 << agent.place
-        return not any(step.need & (others | world.closed_places) for step in steps)
+        closed = world.closed_places
+        return len(steps) == len(self.way) and not any(step.need & closed for step in steps)
 
     def _steps(self, world: World) -> list[_Step]:
         """What is left, as it would be driven now; shorter if it cannot be."""
@@ -106,7 +102,7 @@ class Rescue(msgspec.Struct, kw_only=True):
         """The world for everybody else: these robots stay, and their ground is closed."""
         robots = self.robots()
         closed = world.closed_places
-        for step in self._steps(world):
+        for step in self._steps(world)[:CLOSED_AHEAD]:
             closed |= step.need | step.end
         agents = [
             msgspec.structs.replace(agent, fixed=True) if agent.name in robots else agent

@@ -7,6 +7,7 @@ from ledger.scene import Area, Group, Path, Point
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import Costs
 from scheduler.traffic.pibt import Agent, World
+from scheduler.traffic.roadmap import Roadmap
 from tests.scheduler.traffic.maps import area_of, both, lattice, warehouse
 
 GROUPS = (Group(id=0, name="g"),)
@@ -42,9 +43,17 @@ MAPS = [compile_area(area, GROUPS) for area in AREAS]
 COSTS = [Costs(roadmap, GROUPS[0].kinematics) for roadmap in MAPS]
 
 
-def world_of(which: int, stands: dict[str, str], goals: dict[str, str], **fixed: bool) -> World:
+def roads(area: Area) -> tuple[Roadmap, Costs]:
+    """An area compiled."""
+    roadmap = compile_area(area, GROUPS)
+    return roadmap, Costs(roadmap, GROUPS[0].kinematics)
+
+
+def world_on(
+    on: tuple[Roadmap, Costs], stands: dict[str, str], goals: dict[str, str], **fixed: bool
+) -> World:
     """Robots by name at points, with goals; the first one has the highest rank."""
-    roadmap = MAPS[which]
+    roadmap, costs = on
     return World(
         roadmap=roadmap,
         agents=[
@@ -52,13 +61,18 @@ def world_of(which: int, stands: dict[str, str], goals: dict[str, str], **fixed:
                 name=name,
                 place=roadmap.place[PointName(at)],
                 heading_rad=0.0,
-                costs=COSTS[which],
+                costs=costs,
                 goal=roadmap.place[PointName(goals[name])] if name in goals else None,
                 fixed=fixed.get(name, False),
             )
             for name, at in stands.items()
         ],
     )
+
+
+def world_of(which: int, stands: dict[str, str], goals: dict[str, str], **fixed: bool) -> World:
+    """The same on one of the maps."""
+    return world_on((MAPS[which], COSTS[which]), stands, goals, **fixed)
 
 
 def random_world(which: int, seed: int, robots_max: int) -> World:
