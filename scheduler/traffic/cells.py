@@ -61,6 +61,10 @@ class Cells(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Cell of a body that rests on a point under one of the point's own headings."""
         return int(self.cell[footprint * self.size + self.pieces + self.points + point])
 
+    def polygon(self, cell: int) -> shapely.Polygon:
+        """One cell as a shapely polygon."""
+        return shapely.Polygon(self.corners[self.offsets[cell] : self.offsets[cell + 1]])
+
     def polygons(self) -> Polygons:
         """All cells as shapely polygons."""
         rings = self.offsets.astype(np.int64)

@@ -17,6 +17,7 @@ from ledger.scene import Area, Group
 from scheduler.traffic.cells import Cells, lay_out
 from scheduler.traffic.classes import Classes
 from scheduler.traffic.geometry import MARGIN_M, PIECE_M, Floats
+from scheduler.traffic.hindrance import hindrance
 from scheduler.traffic.moves import Finder, Moves
 from scheduler.traffic.network import Network, network
 from scheduler.traffic.pockets import find
@@ -24,7 +25,11 @@ from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.stops import Places, choose
 
 PART_M = 3.0  # paths of twice this length and more are cut into parts of at least this
-COMPILER = 6  # grows whenever the same area gives another roadmap
+# Where robots are much in each other's way, as on open grids, fewer stops are tried as well.
+THIRD_PARTIES = 1.0
+APART_M = 0.3  # more than they must be from each other
+BETTER = 0.9  # below this share of the hindrance they are taken: a tie is decided for more stops
+COMPILER = 7  # grows whenever the same area gives another roadmap
 
 
 def digest_of(area: Area, groups: Sequence[Group]) -> str:
@@ -78,7 +83,19 @@ def _compile(net: Network, footprints: list[Floats], group: Group) -> tuple[Cell
     widest = len(footprints) - 1
     places = choose(net, cells, widest)
     moves = Finder(net, cells, places, widest, group.kinematics).all()
+    if _third_parties(places, moves) > THIRD_PARTIES:
+        fewer = choose(net, cells, widest, APART_M)
+        wider = Finder(net, cells, fewer, widest, group.kinematics).all()
+        if hindrance(net, fewer, wider) < BETTER * hindrance(net, places, moves):
+            places, moves = fewer, wider
     return cells, places, moves
+
+
+def _third_parties(places: Places, moves: Moves) -> float:
+    """Stops beside its end that a move needs empty, in the mean."""
+    stops = (1 << places.stops) - 1
+    found = [(need & stops).bit_count() for need in moves.need]
+    return sum(found) / len(found) - 1.0 if found else 0.0
 
 
 def _bits_to_csr(rows: Sequence[int]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:

@@ -98,8 +98,7 @@ class Roadmap:
 
     def polygon(self, cell: int) -> shapely.Polygon:
         """A cell as a polygon."""
-        first, last = self.cells.offsets[cell], self.cells.offsets[cell + 1]
-        return shapely.Polygon(self.cells.corners[first:last])
+        return self.cells.polygon(cell)
 
     def meeting(self, shape: shapely.Polygon) -> list[int]:
         """Cells that a foreign shape overlaps, ascending."""

@@ -6,8 +6,9 @@ disc*: robots that rest legally but cannot turn round would hold each other for 
 """
 
 import msgspec
+import shapely
 
-from ledger.scene import PointKind
+from ledger.scene import XY, Point, PointKind
 from scheduler.traffic.cells import Cells
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.network import Network, junction_distances
@@ -58,6 +59,19 @@ def clashes(net: Network, cells: Cells, footprint: int) -> list[set[int]]:
     return found
 
 
+def _apart(net: Network, cells: Cells, footprint: int, apart_m: float) -> list[set[int]]:
+    """The same for bodies that are to be so far from each other's rotation discs."""
+    points = range(len(net.points))
+    bodies = [cells.polygon(cells.rest(footprint, point)) for point in points]
+    tree = shapely.STRtree([cells.polygon(cells.disc(footprint, point)) for point in points])
+    found: list[set[int]] = [set() for _ in points]
+    for p, q in tree.query(bodies, predicate="dwithin", distance=apart_m).T.tolist():
+        if p != q:
+            found[p].add(q)
+            found[q].add(p)
+    return found
+
+
 def _candidates(net: Network, cells: Cells, footprint: int) -> list[int]:
     """Points in the order in which they may become stops; all other lane points are left out."""
     junctions, far = junction_distances(net)
@@ -72,21 +86,29 @@ def _candidates(net: Network, cells: Cells, footprint: int) -> list[int]:
     first = [k for k, point in enumerate(net.points) if point.kind in kept]
     lanes = [k for k in range(len(net.points)) if k not in junctions and clear(k)]
     lanes.sort(key=lambda k: (k not in net.goals, k >= net.named, far[k], net.points[k].name))
-    crossings = sorted(junctions, key=lambda k: net.points[k].name)
+    # Row by row: on an open grid that packs them regularly, in straight lines.
+    crossings = sorted(junctions, key=lambda k: (*_row(net.points[k]), net.points[k].name))
     order = dict.fromkeys((*first, *lanes, *crossings))
     return [k for k in order if net.neighbours[k] and passable(net, k)]
 
 
-def choose(net: Network, cells: Cells, footprint: int) -> Places:
-    """Take greedily, in the order above, what is still clear; what is left may be a goal only."""
+def _row(point: Point) -> XY:
+    return round(point.y_m, 1), round(point.x_m, 1)
+
+
+def choose(net: Network, cells: Cells, footprint: int, apart_m: float = 0.0) -> Places:
+    """Take greedily, in the order above, what is still clear, by `apart_m` more than it must be;
+    what is left may be a goal only.
+    """
     found = clashes(net, cells, footprint)
+    wide = _apart(net, cells, footprint, apart_m) if apart_m else found
     chosen: list[int] = []
     barred: set[int] = set()
     for point in _candidates(net, cells, footprint):
         if point not in barred:
             chosen.append(point)
             barred.add(point)
-            barred |= found[point]
+            barred |= wide[point]
     taken = set(chosen)
     left = [k for k in range(net.named) if k not in taken and net.neighbours[k]]
     if len(left) > GOAL_ONLY_MAX:
