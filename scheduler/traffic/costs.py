@@ -103,6 +103,12 @@ class Costs:
         found._lay(~shut)
         return found
 
+    def apart(self) -> "Costs":
+        """The same with rows of its own, for another thread."""
+        found = copy.copy(self)
+        found._kept, found._departures, found._ways = OrderedDict(), {}, {}
+        return found
+
     def _lay(self, kept: _Array) -> None:
         """Make the graph of the edges that are kept; what was found in another is forgotten."""
         edges, moves = self.edges, self.roadmap.moves

@@ -16,12 +16,16 @@ Proposal: TypeAlias = list[tuple[str, tuple[int, ...]]]
 class Planner(Protocol):
     """One of the traffic methods at work in one area."""
 
+    looks_ahead: bool  # it needs `World.ahead`
+
     def propose(self, world: World) -> Proposal:
         """Say who should move where next; the same calls in the same order give the same."""
 
 
 class Distributed:
     """TP1: PIBT from scratch at every call, with nothing to remember."""
+
+    looks_ahead = False
 
     def propose(self, world: World) -> Proposal:
         """Ask PIBT."""

@@ -13,6 +13,7 @@ from ledger.scene import XY, Area, Door, Group
 from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
 from scheduler.traffic.admission import LOAD_CHANGED, MOVED_M, OLD_ROUTE, Admission
+from scheduler.traffic.ahead import ahead
 from scheduler.traffic.answers import Answers
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.compile import compile_area
@@ -22,10 +23,13 @@ from scheduler.traffic.execution import Execution
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Breach
 from scheduler.traffic.ladder import Ladder, Stuck
+from scheduler.traffic.methods import planner_of
 from scheduler.traffic.pibt import World
 from scheduler.traffic.planner import Distributed, Planner
+from scheduler.traffic.safe import Safe
 from scheduler.traffic.shown import Shown
 from scheduler.traffic.track import Track
+from scheduler.traffic.venus import Think, at_once
 from scheduler.traffic.waits import Due, Floor, Wait, Waits
 from scheduler.traffic.wishes import agents, held_otherwise, overlay, relocate
 
@@ -43,13 +47,17 @@ class Traffic(Answers):
         groups: Sequence[Group],
         cache: FilePath | None = None,
         point_distance_m: float = 0.3,
+        think: Think = at_once,
     ) -> None:
-        """Compile the area for these groups, or load it from the folder `cache`."""
+        """Compile the area for these groups, or load it from the folder `cache`; `think` does what
+        a planner takes long for.
+        """
         self.scene = scene
         self.area = area
         self.roadmap = compile_area(area, groups, cache)
         self.grants = Grants(self.roadmap.conflicts, self.roadmap.cells.count)
         self._admission = Admission(scene, self.roadmap, self.grants, point_distance_m)
+        self._retreats = False  # out of dead ends in reverse, too
         self._costs = {
             group.id: Costs(self.roadmap, group.kinematics)
             for group in self.roadmap.groups.values()
@@ -58,7 +66,10 @@ class Traffic(Answers):
         self._doors = Doors(self.roadmap, self.grants, self._costs)
         self._execution = Execution(self.roadmap, self.grants, self._admission, self._reserved)
         self._planner: Planner = Distributed()
+        self._think = think
         self._ladder = Ladder()
+        self._prevents = SceneConfig().deadlock_prevention
+        self._push_m = SceneConfig().push_distance_m_min, SceneConfig().push_distance_m_max
         self._goals: Mapping[RobotName, Goal] = {}
         self._fixed: frozenset[RobotName] = frozenset()
         self._dirty: Due | None = Due.ROBOTS  # why planning is due
@@ -71,12 +82,28 @@ class Traffic(Answers):
 
     def tune(self, config: SceneConfig) -> None:
         """Take settings of the scene: how far from a point or a path a robot is still on it, the
-        longest time between two plannings when nothing happens.
+        longest time between two plannings when nothing happens, and who plans.
         """
         self._admission.within_m = config.point_distance_m
         self._admission.path_m = self._execution.guard.off_m = config.path_distance_m
         self._quiet_ms = config.traffic_plan_interval_ms
+        self._planner = planner_of(config, self._think, self._planner)
+        self._prevents = config.deadlock_prevention
+        self._execution.turns_ahead = config.turn_ahead
+        self._push_m = config.push_distance_m_min, config.push_distance_m_max
+        if config.reverse_out_of_deadlock != self._retreats:
+            self._retreats = config.reverse_out_of_deadlock
+            self._price()
         self._plan_ms = 0  # what is due by the new interval is done at once
+
+    def _price(self) -> None:
+        """What driving costs, anew."""
+        for group in self.roadmap.groups.values():
+            self._costs[group.id] = Costs(self.roadmap, group.kinematics, retreats=self._retreats)
+        self._doors.reprice()
+        self._reserved.ways_changed()
+        self._reserved.direct(self._tracks.values())
+        self._dirty = Due.GOALS
 
     # -- robots come, report, and go
 
@@ -296,13 +323,18 @@ class Traffic(Answers):
         world = World(
             roadmap=roadmap,
             agents=agents(roadmap, tracks, ranks, self._fixed, now_ms),
+            push_m_min=self._push_m[0],
+            push_m_max=self._push_m[1],
+            now_ms=now_ms,
+            ahead=ahead(tracks) if self._planner.looks_ahead else {},
         )
         overlay(world, held_otherwise(tracks, self.grants))
         self._world = world
         proposed = self._ladder.propose(
             world, self._tracks, self._held_up_by, self._planner, now_ms
         )
-        outcomes = self._execution.admit(world, proposed)
+        safe = Safe(world, self._ladder.excused) if self._prevents else None
+        outcomes = self._execution.admit(world, proposed, safe)
         self._ladder.note((o.robot for o in outcomes if o.committed), now_ms)
         self._waits.note(outcomes, self._tracks, now_ms)
         waits = any((t.goal, t.relocation) not in ((t.place, None), (None, None)) for t in tracks)
