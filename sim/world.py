@@ -179,6 +179,11 @@ class World:
             return {}
         return {key: trouble.kind for key, trouble in self._troubles.suffering.items()}
 
+    @property
+    def struck(self) -> dict[str, int]:
+        """How often which fault has struck."""
+        return {} if self._troubles is None else dict(self._troubles.struck)
+
     def calm(self) -> None:
         """Let no new fault strike; people end what they are at."""
         self._faults, self._radio = NONE, None

@@ -16,7 +16,7 @@ import shapely
 from ledger.ids import PointName, RobotName, SceneId, robot_key
 from ledger.link import DISPATCHER, Plan, Report
 from ledger.scene import XY, Area, Group, RobotConfig, Scene
-from ledger.waits import WaitReason, chains
+from ledger.waits import Wait, WaitReason, chains
 from scheduler.goal import Goal
 from scheduler.traffic.judge import body, collisions, double_grants, outside
 from scheduler.traffic.traffic import Traffic
@@ -293,13 +293,7 @@ class Yard:
     def _stalled(self, names: list[RobotName]) -> None:
         plans = {plan.robot: plan for plan in self.traffic.plans(self.now_ms)}
         waits = {n: plan.wait for n, plan in plans.items() if plan.wait is not None}
-        named: set[RobotName] = set()
-        for chain in chains(waits.values()):
-            causes = [wait for wait in chain.waits if wait.reason not in EVER]
-            robots = [wait.robot for wait in chain.waits]
-            root = chain.root if chain.root not in waits else None
-            if causes or root is not None:
-                named.update(robots)
+        named = explained(waits)
         for name in names:
             robot = self.robots[name]
             struck = robot_key(SCENE, name) in self.world.troubles or robot.held_s > 0.0
@@ -315,19 +309,9 @@ class Yard:
         chosen = self.robots if names is None else names
         return {name: body(footprint, *place(self.robots[name])[:3]) for name in chosen}
 
-    def near(self) -> list[RobotName]:
-        """Robots whose discs meet another's."""
-        names = list(self.robots)
-        at = np.array([place(self.robots[name])[:2] for name in names])
-        reach_m = 2 * max(robot.body.radius_m for robot in self.robots.values())
-        off = at[:, None, :] - at[None, :, :]
-        meets = (off**2).sum(axis=2) < reach_m**2
-        np.fill_diagonal(meets, False)
-        return [names[k] for k in np.flatnonzero(meets.any(axis=1))]
-
     def nobody_overlaps(self) -> None:
         """True bodies of robots and of strangers, and of robots and granted ground."""
-        near = self.near()
+        near = near_others(self.robots)
         if near:
             assert collisions(self.bodies(near)) == [], f"at {self.now_ms - 1_000_000} ms"
         bodies = self.bodies() if self.owned else {}
@@ -379,6 +363,29 @@ class Yard:
             self.run(2.0, grants_every=10)
         assert self.unnamed_ms < STALL_MS, self.stall
         return (self.now_ms - began_ms) / 1000
+
+
+def near_others(robots: Mapping[RobotName, SimRobot]) -> list[RobotName]:
+    """Robots whose discs meet another's: of these alone the bodies can overlap."""
+    names = list(robots)
+    at = np.array([place(robot)[:2] for robot in robots.values()])
+    reach_m = 2 * max((robot.body.radius_m for robot in robots.values()), default=0.0)
+    off = at[:, None, :] - at[None, :, :]
+    meets = (off**2).sum(axis=2) < reach_m**2
+    np.fill_diagonal(meets, False)
+    return [names[k] for k in np.flatnonzero(meets.any(axis=1))]
+
+
+def explained(waits: Mapping[RobotName, Wait]) -> set[RobotName]:
+    """Robots whose waiting comes in the end from something else than robots that wait: from a
+    fault, a person, a door, reserved ground, work, a queue before a dead end.
+    """
+    named: set[RobotName] = set()
+    for chain in chains(waits.values()):
+        causes = [wait for wait in chain.waits if wait.reason not in EVER]
+        if causes or (chain.root is not None and chain.root not in waits):
+            named.update(wait.robot for wait in chain.waits)
+    return named
 
 
 def _corners(shape: shapely.Polygon) -> tuple[XY, ...]:

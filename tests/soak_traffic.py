@@ -1,0 +1,212 @@
+"""`python -m tests.soak_traffic --days 2`: whole sites at work with faults, judged at every step.
+
+The days are made of pieces, one simulated hour each by default, each with its own seed and in a
+process of its own, so that any can be repeated alone. What is done is kept in a file, and the next
+call goes on behind it. Core, scheduler and robots are those of `serve`, on virtual time.
+"""
+
+import argparse
+import json
+import logging
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import shapely
+import structlog
+
+from fleetledger.shift import Shift
+from fleetledger.surroundings import Surroundings
+from ledger.ids import RobotName, robot_key
+from ledger.link import Plan
+from ledger.state import OrderKind, StepTask
+from scheduler.traffic.judge import body, collisions
+from sim.faults import MIXES, FaultMix
+from sim.robot import SimRobot, place
+from sim.warehouses import for_robots
+from tests.laws.yard import STALL_MS, explained, near_others
+
+ROOT = Path(__file__).parent.parent
+KEPT = ROOT / "data" / "soak-traffic.jsonl"
+STEP_MS = 400
+ORDERS_EACH = 2  # open at any time, for each robot
+LOOK_MS = 5_000  # between two looks for stalls
+POLL_S = 0.5
+
+
+class Piece:
+    """One site for a while."""
+
+    def __init__(self, robots: int, seed: int, mix: FaultMix) -> None:
+        file = for_robots(robots, seed)
+        self.shift = Shift(file, seed=seed, faults=mix, step_ms=STEP_MS)
+        self.around = Surroundings(self.shift, mix, random.Random(seed + 1))
+        self.robots = robots
+        self._chance = random.Random(seed + 2)
+        self._bins = [str(b.name) for area in file.areas for b in area.bins]
+        self._footprint = file.groups[0].footprint
+        self._moved_ms: dict[RobotName, int] = {}
+        self._poses: dict[RobotName, tuple[float, float, float]] = {}
+        self._by_people: set[RobotName] = set()  # they may leave it on ground of others
+        self._look_ms = 0
+        self.stalled_ms = 0  # longest that somebody stood without a named cause
+        self.stalled: object = None
+
+    def run(self, seconds: float) -> None:
+        """Fails at the first overlap or stall."""
+        self.shift.run(seconds, self._step)
+
+    @property
+    def done(self) -> int:
+        """Orders that have ended."""
+        return sum(self.shift.fleet.order_counts.values()) - len(self.shift.fleet.orders)
+
+    def _step(self) -> None:
+        self.around.step()
+        orders = self.shift.fleet.orders.values()
+        live = sum(order.kind is OrderKind.BUSINESS for order in orders)
+        for _ in range(ORDERS_EACH * self.robots - live):
+            source, target = self._chance.sample(self._bins, 2)
+            self.shift.order(
+                StepTask(location=source, arguments='{"binTask":"Load"}', loads=True),
+                StepTask(location=target, arguments='{"binTask":"Unload"}', unloads=True),
+            )
+        robots = {robot.body.name: robot for robot in self.shift.world.robots()}
+        self._nobody_overlaps(robots)
+        for name, robot in robots.items():
+            pose = place(robot)[:3]
+            if pose != self._poses.get(name) or robot.actions.running:
+                self._poses[name], self._moved_ms[name] = pose, self.shift.now_ms
+        if self.shift.now_ms >= self._look_ms:
+            self._look_ms = self.shift.now_ms + LOOK_MS
+            self._nobody_stalls(robots)
+
+    def _nobody_overlaps(self, robots: dict[RobotName, SimRobot]) -> None:
+        bodies = {n: body(self._footprint, *place(robots[n])[:3]) for n in near_others(robots)}
+        assert collisions(bodies) == [], f"overlap at {self.shift.now_ms} ms"
+        troubles = self.shift.world.troubles
+        self._by_people |= {n for n, r in robots.items() if self._struck(n, troubles, "hand jump")}
+        claims = [claim.unit for claim in self.shift.fleet.claims.values() if claim.granted]
+        zones = [shapely.Polygon(zone) for unit in claims for zone in unit.zones]
+        zones += [shapely.Polygon(stranger.corners()) for stranger in self.around.crossing]
+        if not zones:
+            return
+        ground = shapely.union_all(zones)
+        shapely.prepare(ground)
+        on = set()
+        for name, robot in robots.items():
+            x, y, heading, _ = place(robot)
+            if ground.dwithin(shapely.Point(x, y), robot.body.radius_m):
+                shape = body(self._footprint, x, y, heading)
+                if shape.intersection(ground).area > 1e-6:
+                    on.add(name)
+        assert on <= self._by_people, (on, [unit.id for unit in claims], self.shift.now_ms)
+        self._by_people &= on | {n for n in robots if self._struck(n, troubles, "hand jump")}
+
+    def _struck(self, name: RobotName, troubles: dict[str, str], kinds: str) -> bool:  # type: ignore[type-arg]
+        trouble = troubles.get(robot_key(self.shift.scene, name))
+        return trouble is not None and trouble in kinds
+
+    def _nobody_stalls(self, robots: dict[RobotName, SimRobot]) -> None:
+        plans: dict[RobotName, Plan] = self.shift.role.scheduler._sites[self.shift.scene].plans
+        waits = {n: plan.wait for n, plan in plans.items() if plan.wait is not None}
+        named = explained(waits)
+        online = {r.name for r in self.shift.fleet.robots.values() if r.online}
+        for name, robot in robots.items():
+            plan = plans.get(name)
+            wants = plan is not None and (plan.target is not None or plan.moving)
+            struck = robot_key(self.shift.scene, name) in self.shift.world.troubles
+            if not wants or struck or name in named or robot.held_s > 0.0 or name not in online:
+                continue
+            still_ms = self.shift.now_ms - self._moved_ms.get(name, self.shift.now_ms)
+            if still_ms > self.stalled_ms:
+                self.stalled_ms, self.stalled = still_ms, (name, plan, waits.get(name))
+        assert self.stalled_ms < STALL_MS, self.stalled
+
+
+def piece(robots: int, minutes: float, seed: int, mix: str) -> dict[str, float]:
+    """Run one piece, and give its figures."""
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    began_s = time.process_time()
+    made = Piece(robots, seed, MIXES[mix])
+    made.run(minutes * 60)
+    struck = made.shift.world.struck
+    return {
+        "seed": seed,
+        "robots": robots,
+        "minutes": minutes,
+        "orders_done": made.done,
+        "stall_s": made.stalled_ms / 1000,
+        "cpu_s": round(time.process_time() - began_s, 1),
+        **{f"faults_{kind}": count for kind, count in (struck | made.around.happened).items()},
+    }
+
+
+def _kept(path: Path, robots: int, minutes: float) -> dict[int, dict[str, float]]:
+    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    wanted = [r for r in rows if (r["robots"], r["minutes"]) == (robots, minutes)]
+    return {int(row["seed"]): row for row in wanted}
+
+
+def soak(robots: int, days: float, minutes: float, mix: str, processes: int, path: Path) -> int:
+    """Run what is still to be run; 0 if nothing failed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    seeds = range(1, round(days * 24 * 60 / minutes) + 1)
+    done = _kept(path, robots, minutes)
+    left = [seed for seed in seeds if seed not in done]
+    began, running = time.monotonic(), {}
+    print(f"{len(seeds)} pieces of {minutes:g} min, {robots} robots; {len(done)} are done already")
+    while left or running:
+        while left and len(running) < processes:
+            seed = left.pop(0)
+            told = ["--robots", str(robots), "--piece-minutes", str(minutes), "--faults", mix]
+            command = [sys.executable, "-m", "tests.soak_traffic", "--piece", str(seed), *told]
+            running[seed] = subprocess.Popen(
+                command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+        time.sleep(POLL_S)
+        for seed, process in [(s, p) for s, p in running.items() if p.poll() is not None]:
+            said, trouble = process.communicate()
+            del running[seed]
+            if process.returncode:
+                for other in running.values():
+                    other.kill()
+                print(trouble[-4000:])
+                print(f"piece {seed} failed. To repeat it:\n  {' '.join(process.args[1:])}")
+                return 1
+            with path.open("a") as file:
+                file.write(said.splitlines()[-1] + "\n")
+            done[seed] = json.loads(said.splitlines()[-1])
+            minutes_gone = (time.monotonic() - began) / 60
+            to_go = len(left) + len(running)
+            print(f"{minutes_gone:6.1f} min: piece {seed} done, {to_go} to go", flush=True)
+    rows = [done[seed] for seed in seeds]
+    orders, cpu_s = (sum(row[key] for row in rows) for key in ("orders_done", "cpu_s"))
+    stall_s = max(row["stall_s"] for row in rows)
+    print(f"{days:g} days: {orders:.0f} orders, no overlap, longest stall without a named cause")
+    print(f"{stall_s:.0f} s; {cpu_s / 3600:.1f} hours of one processor")
+    return 0
+
+
+def main() -> int:
+    """Soak, or do one piece."""
+    parser = argparse.ArgumentParser(prog="python -m tests.soak_traffic", description=__doc__)
+    parser.add_argument("--days", type=float, default=2.0)
+    parser.add_argument("--robots", type=int, default=100)
+    parser.add_argument("--piece-minutes", type=float, default=60.0)
+    parser.add_argument("--faults", choices=sorted(MIXES), default="standard")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--kept", type=Path, default=KEPT, help="what is done already")
+    parser.add_argument("--piece", type=int, help="do the piece of this seed only")
+    told = parser.parse_args()
+    if told.piece is not None:
+        figures = piece(told.robots, told.piece_minutes, told.piece, told.faults)
+        print(json.dumps(figures))
+        return 0
+    return soak(told.robots, told.days, told.piece_minutes, told.faults, told.processes, told.kept)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
