@@ -16,10 +16,11 @@ import shapely
 from ledger.ids import RobotName
 from ledger.scene import XY
 from scheduler.traffic.admission import NEVER
-from scheduler.traffic.closures import Closure, Closures, together
+from scheduler.traffic.closures import Closure, Closures, lay_over, together
 from scheduler.traffic.costs import INFINITE, WAYS_MAX, Costs
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.grants import Grants
+from scheduler.traffic.pibt import World
 from scheduler.traffic.placing import Entry
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import ENTRY, Builder
@@ -68,6 +69,7 @@ class Claims:
         self._summary: Summary | None = None  # None = to be made anew
         self._finder = Closures(roadmap)
         self._closures: dict[Ids, Closure] = {}
+        self._held: dict[tuple[int, ...], Closure] = {}  # by the cells that a robot holds
         self._in_way: dict[tuple[int, int, float, int, Ids], tuple[str, ...]] = {}
         self._closed_costs: dict[tuple[int, Ids], Costs] = {}
 
@@ -232,6 +234,31 @@ class Claims:
             if len(self._closed_costs) >= CLOSURES_MAX:
                 self._closed_costs.clear()
             self._closed_costs[track.group, ids] = found
+        return found
+
+    # -- ground that robots hold otherwise than the map foresees
+
+    def lay_over(self, world: World, tracks: Iterable[Track]) -> None:
+        """Close to the planner what lost robots hold, for good; and what others hold off their
+        points, until they have left their places.
+        """
+        held: list[tuple[int | None, Closure]] = []
+        for track in tracks:
+            slots = (*track.owned, *track.promised) if track.lost else track.owned
+            cells = tuple(s.cell for s in slots if track.lost or self._grants.is_shape(s.cell))
+            if cells:
+                held.append((None if track.lost else track.place, self._under(cells)))
+        lay_over(world, held)
+
+    def _under(self, cells: tuple[int, ...]) -> Closure:
+        """What is closed while a robot holds these cells: shapes are dropped, but never changed."""
+        found = self._held.get(cells)
+        if found is None:
+            over = {c for cell in cells for c in self._grants.excluded(cell)}
+            found = self._finder.over(c for c in over if not self._grants.is_shape(c))
+            if len(self._held) >= CLOSURES_MAX:
+                self._held.clear()
+            self._held[cells] = found
         return found
 
     # -- what becomes of the robots

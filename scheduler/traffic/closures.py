@@ -1,13 +1,16 @@
-"""What of a map is closed where ground is reserved, and which dead ends that makes."""
+"""What of a map is closed where ground is held otherwise than the map foresees: reserved, under a
+robot that does not answer, or under one that is off its points; and which dead ends that makes.
+"""
 
 import copy
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import msgspec
 
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.moves import Moves
+from scheduler.traffic.pibt import World
 from scheduler.traffic.pockets import find
 from scheduler.traffic.roadmap import Roadmap
 
@@ -75,6 +78,19 @@ class Closures:
         made = copy.copy(self._roadmap)
         made.pockets = found
         return made
+
+
+def lay_over(world: World, held: Sequence[tuple[int | None, Closure]]) -> None:
+    """Take in what robots close: for good, or until the place that one rests on is empty."""
+    gone = together(closure for place, closure in held if place is None)
+    world.closed_moves, world.closed_turns = gone.moves, gone.turns
+    world.closed_places |= gone.places
+    for place, closure in held:
+        if place is not None:
+            for move in closure.moves:
+                world.more_need[move] = world.more_need.get(move, 0) | 1 << place
+            for point in closure.turns:
+                world.more_turning[point] = world.more_turning.get(point, 0) | 1 << place
 
 
 def together(closures: Iterable[Closure]) -> Closure:

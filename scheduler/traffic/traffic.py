@@ -31,7 +31,7 @@ from scheduler.traffic.shown import Shown
 from scheduler.traffic.track import Track
 from scheduler.traffic.venus import Think, at_once
 from scheduler.traffic.waits import Due, Floor, Wait, Waits
-from scheduler.traffic.wishes import agents, held_otherwise, overlay, relocate
+from scheduler.traffic.wishes import agents, relocate
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
 REPLAN_MS = 500  # while somebody waits; else planning follows events
@@ -328,7 +328,7 @@ class Traffic(Answers):
             now_ms=now_ms,
             ahead=ahead(tracks) if self._planner.looks_ahead else {},
         )
-        overlay(world, held_otherwise(tracks, self.grants))
+        self._reserved.lay_over(world, tracks)
         self._world = world
         proposed = self._ladder.propose(
             world, self._tracks, self._held_up_by, self._planner, now_ms

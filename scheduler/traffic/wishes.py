@@ -12,8 +12,7 @@ from typing import TypeAlias
 
 from ledger.ids import RobotName
 from scheduler.traffic.costs import INFINITE
-from scheduler.traffic.grants import Grants
-from scheduler.traffic.pibt import Agent, World, has_token
+from scheduler.traffic.pibt import Agent, has_token
 from scheduler.traffic.pockets import DEEPER_M
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import Track
@@ -152,44 +151,3 @@ def _impatience_s(track: Track, goal: int, now_ms: int) -> float:
         track.best_s, track.best_ms = left, now_ms
     over_ms = now_ms - track.best_ms - PATIENCE_MS
     return min(max(over_ms, 0) / 1000 * IMPATIENCE_PER_S, IMPATIENCE_S_MAX)
-
-
-def held_otherwise(tracks: Iterable[Track], grants: Grants) -> list[tuple[int | None, list[int]]]:
-    """Ground held otherwise than the map foresees: by foreign shapes, and by the lost; as (place
-    of its robot or None, cells).
-    """
-    found: list[tuple[int | None, list[int]]] = []
-    for track in tracks:
-        held = list(track.owned) + (list(track.promised) if track.lost else [])
-        cells = [s.cell for s in held if track.lost or grants.is_shape(s.cell)]
-        if cells:
-            over = {c for cell in cells for c in grants.excluded(cell)}
-            place = None if track.lost else track.place
-            found.append((place, [c for c in over if not grants.is_shape(c)]))
-    return found
-
-
-def overlay(world: World, claims: Iterable[tuple[int | None, Iterable[int]]]) -> None:
-    """Take in what `held_otherwise` gave: moves over such ground need its robot's place empty, or
-    are closed if it has none.
-    """
-    roadmap = world.roadmap
-    closed_moves: set[int] = set()
-    closed_turns: set[int] = set()
-    for place, claimed in claims:
-        cells = sorted(claimed)
-        over, turns = roadmap.users(cells)
-        ends = roadmap.places_of(cells)
-        over |= {m for m in range(roadmap.moves.count) if ends >> roadmap.moves.end[m] & 1}
-        if place is None:
-            closed_moves |= over
-            closed_turns |= turns
-            world.closed_places |= ends
-        else:
-            bit = 1 << place
-            for move in over:
-                world.more_need[move] = world.more_need.get(move, 0) | bit
-            for point in turns:
-                world.more_turning[point] = world.more_turning.get(point, 0) | bit
-    world.closed_moves = frozenset(closed_moves)
-    world.closed_turns = frozenset(closed_turns)
