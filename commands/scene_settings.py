@@ -11,7 +11,9 @@ from ledger.scene_config import DISPATCH_SORT_FIELDS, SceneConfig
 LONG_MAX = 10**12  # of waits: more than thirty years of milliseconds
 INT_MAX = 2**31 - 1
 COST_S_MAX = 1e9
+WEIGHT_MAX = 100.0  # beyond it no plan is too dear
 DISTANCE_M_MAX = 2.0  # beyond it a robot would count as on points that are not its own
+PUSH_M_MAX = 10_000.0  # larger than any building
 SORT_FIELDS_MAX = 50
 SELECTION_CHARS_MAX = 2_000
 
@@ -28,8 +30,6 @@ class Setting(Value, frozen=True, kw_only=True):
 
 
 _NO_OPTICS = "there is no optical communication"
-_NO_TP2 = "it belongs to TP2, which is not there"
-_NO_RINGS = "rings of robots do not arise, for moves are granted in the order they are committed"
 
 SETTINGS = (
     Setting(
@@ -176,25 +176,59 @@ SETTINGS = (
         field="traffic_settings",
         fixed="traffic has no settings beyond those of this table",
     ),
-    Setting(name="cbsHighW", field="cbs_high_w", fixed=_NO_TP2),
-    Setting(name="cbsLowW", field="cbs_low_w", fixed=_NO_TP2),
-    Setting(name="linkMinDistance", field="push_distance_m_min", unit="m", fixed=_NO_RINGS),
-    Setting(name="linkMaxDistance", field="push_distance_m_max", unit="m", fixed=_NO_RINGS),
-    Setting(name="reverseDeadlock", field="reverse_out_of_deadlock", fixed=_NO_RINGS),
+    Setting(
+        name="cbsHighW",
+        field="cbs_high_w",
+        bounds=(1, WEIGHT_MAX),
+        effect="Venus is content with a plan that costs all robots together so many times what "
+        "each would take alone, and else looks for a cheaper one.",
+    ),
+    Setting(
+        name="cbsLowW",
+        field="cbs_low_w",
+        bounds=(1, WEIGHT_MAX),
+        effect="Under Venus a robot that cannot but meet others may take so many times its "
+        "shortest time to meet fewer of them.",
+    ),
+    Setting(
+        name="linkMinDistance",
+        field="push_distance_m_min",
+        unit="m",
+        bounds=(0, PUSH_M_MAX),
+        effect="A robot that is pushed out of another's way drives no less than this at one time.",
+    ),
+    Setting(
+        name="linkMaxDistance",
+        field="push_distance_m_max",
+        unit="m",
+        bounds=(0, PUSH_M_MAX),
+        effect="And no more than this; 0: nobody is pushed.",
+    ),
+    Setting(
+        name="reverseDeadlock",
+        field="reverse_out_of_deadlock",
+        effect="True: robots may also drive out of dead ends in reverse, over paths that the map "
+        "has both ways.",
+    ),
     Setting(
         name="enablePrevent",
         field="deadlock_prevention",
-        fixed="deadlocks are prevented by how moves are granted, which cannot be left out",
+        effect="True: no robot takes the last free stop of a ring in which all wait for each "
+        "other and nobody could move any more.",
     ),
     Setting(
         name="preRotate",
         field="turn_ahead",
-        fixed="a robot is always granted the circle that it turns in together with the move",
+        effect="True: where it will have to wait, a robot is granted the circle at the end of a "
+        "move together with the move, and turns there for the way on; False: it asks for the "
+        "circle when it drives on.",
     ),
     Setting(
         name="trafficMethod",
         field="traffic_method",
-        fixed="there is one planner",
+        effect="`Distributed`: who moves where next is decided at every event, by PIBT. `Venus`: "
+        "routes are planned in time for half a minute ahead. A switch takes effect at once, and "
+        "what is granted stands.",
     ),
     Setting(
         name="selectConfig",

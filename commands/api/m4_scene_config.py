@@ -14,9 +14,11 @@ from commands.scene_settings import (
     COST_S_MAX,
     DISTANCE_M_MAX,
     LONG_MAX,
+    PUSH_M_MAX,
     SELECTION_CHARS_MAX,
     SETTINGS,
     SORT_FIELDS_MAX,
+    WEIGHT_MAX,
     Setting,
     in_force,
     only_value,
@@ -35,7 +37,6 @@ NOT_OF_THE_CATALOGUE = "parkIdleTime"  # told under the schema's newConfig only
 
 Ratio = Annotated[float, Field(ge=0, le=1)]
 Metres = Annotated[float, Field(ge=0, le=DISTANCE_M_MAX)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
 Seconds = Annotated[int, Field(ge=0, le=LONG_MAX)]
 Selection = Annotated[str, Field(max_length=SELECTION_CHARS_MAX)]
 SortFields = Annotated[list[Text], Field(max_length=SORT_FIELDS_MAX)]
@@ -142,10 +143,14 @@ class SceneConfigAll(Settings):
         "trafficPlanIntervalMs"
     )
     trafficDevConfigStr: str | None = _says("trafficDevConfigStr")
-    cbsHighW: Number | None = _says("cbsHighW")
-    cbsLowW: Number | None = _says("cbsLowW")
-    linkMinDistance: Number | None = _says("linkMinDistance")
-    linkMaxDistance: Number | None = _says("linkMaxDistance")
+    cbsHighW: Annotated[float, Field(ge=1, le=WEIGHT_MAX)] | None = _says("cbsHighW")
+    cbsLowW: Annotated[float, Field(ge=1, le=WEIGHT_MAX)] | None = _says("cbsLowW")
+    linkMinDistance: Annotated[float, Field(ge=0, le=PUSH_M_MAX)] | None = _says(
+        "linkMinDistance"
+    )
+    linkMaxDistance: Annotated[float, Field(ge=0, le=PUSH_M_MAX)] | None = _says(
+        "linkMaxDistance"
+    )
     reverseDeadlock: bool | None = _says("reverseDeadlock")
     enablePrevent: bool | None = _says("enablePrevent")
     preRotate: bool | None = _says("preRotate")

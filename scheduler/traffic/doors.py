@@ -67,10 +67,18 @@ class Doors:
         self._refresh()
         if closed == self.closed_moves:
             return True, False
+        self._shut_ways()
+        return True, True
+
+    def reprice(self) -> None:
+        """Take in that the costs of the open map are others now."""
+        self._open_costs = dict(self._costs)
+        self._shut_ways()
+
+    def _shut_ways(self) -> None:
         for group, costs in self._open_costs.items():
             shut = costs.closed(self.closed_moves, frozenset()) if self.closed_moves else costs
             self._costs[group] = shut
-        return True, True
 
     def _refresh(self) -> None:
         shut: dict[int, tuple[frozenset[int], ...]] = {}

@@ -149,7 +149,10 @@ class Execution:
         point = self._roadmap.places.point[place]
         if not ways or point in world.closed_turns or turning_room(world, place) & others:
             return None
-        return self._roadmap.heading_start[min(ways)[1]]
+        move = min(ways)[1]
+        if not room(world, place, heading, (move,), goal) & ~(1 << place) & others:
+            return None  # it goes on at once, and by then perhaps another way
+        return self._roadmap.heading_start[move]
 
     def _commit(
         self, track: Track, moves: tuple[int, ...], goal: int | None, ahead: float | None

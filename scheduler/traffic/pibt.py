@@ -99,7 +99,8 @@ class _Planner:
         self.trail: list[tuple[int, int]] = []  # agent, place before
         self.visits: dict[int, int] = {}
         self.tries = 0
-        self.limited = world.push_m_min > 0.0 or world.push_m_max < INFINITE
+        longest_m = 2 * world.roadmap.longest_m  # who is pushed takes two moves at the most
+        self.limited = world.push_m_min > 0.0 or world.push_m_max < longest_m
         self._options: list[list[Option] | None] = [None] * len(world.agents)
 
     def run(self) -> list[tuple[int, tuple[int, ...]]]:

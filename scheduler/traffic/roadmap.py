@@ -47,6 +47,9 @@ class Roadmap:
             net.points[point].name: k for point, k in self.place_at.items() if point < net.named
         }
         traces = net.traces
+        self.longest_m = max(
+            (sum(traces.length_m[path] for path in paths) for paths in moves.paths), default=0.0
+        )
         self.heading_start = [traces.heading_start[paths[0]] for paths in moves.paths]
         self.heading_end = [traces.heading_end[paths[-1]] for paths in moves.paths]
         self.leaving: list[list[int]] = [[] for _ in places.point]

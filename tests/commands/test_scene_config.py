@@ -12,7 +12,7 @@ from commands.scene_settings import CHARGING, FIXED, SETTINGS, Setting, in_force
 from commands.scenes import ImportScene, scene_digest
 from ledger.events import SceneConfigured, SceneDisabled, SceneRemoved
 from ledger.ids import SceneId
-from ledger.scene_config import ChargingConfig, ChargingLevels, SceneConfig, TrafficMethod
+from ledger.scene_config import ChargingConfig, ChargingLevels, SceneConfig
 from tests.commands.site import R1, SCENE, opened
 from tests.scenario import ask, given
 from tests.strategies import grid, values
@@ -25,14 +25,6 @@ OTHER: dict[str, Any] = {
     "optical_dispatch_period": 1,
     "traffic_pause_on_failed_plan": True,
     "traffic_settings": "x",
-    "cbs_high_w": 2.0,
-    "cbs_low_w": 1.0,
-    "push_distance_m_min": 1.0,
-    "push_distance_m_max": 40.0,
-    "reverse_out_of_deadlock": True,
-    "deadlock_prevention": False,
-    "turn_ahead": False,
-    "traffic_method": TrafficMethod.VENUS,
 }
 _FIXED = [s for s in SETTINGS if s.field in OTHER]
 
@@ -79,12 +71,12 @@ def test_what_nobody_would_obey_is_refused_with_the_reason(setting: Setting) -> 
 
 
 def test_what_older_ledgers_hold_unheard_is_told_and_taken_as_it_is_obeyed() -> None:
-    old = replace(SceneConfig(cbs_high_w=7.0), parking_paused=True)
+    old = replace(SceneConfig(operation_log_days=7), parking_paused=True)
     scene = given(*opened(), SceneConfigured(scene=SCENE, config=old))
     told = in_force(old)
     assert told == SceneConfig(parking_paused=True)
     scene.when(configure(told)).nothing()
-    scene.when(configure(old)).rejected(Reason.SCENE_CONFIG_UNSUPPORTED, "cbsHighW")
+    scene.when(configure(old)).rejected(Reason.SCENE_CONFIG_UNSUPPORTED, "opLogKeepDays")
 
 
 @forall(values(SceneConfig))

@@ -15,6 +15,7 @@ from ledger.scene_config import (
     ChargingLevels,
     DispatchMethod,
     SceneConfig,
+    TrafficMethod,
 )
 from ledger.state import DeviceFault, DeviceKind, Fleet, OrderStatus, Robot, RobotBin
 from projections.api.m4_scene_query import Beside, Look, field_value
@@ -145,6 +146,14 @@ SETTINGS: dict[str, tuple[str, Any]] = {
     "closePointDistance": ("point_distance_m", 0.5),
     "closePathDistance": ("path_distance_m", 0.6),
     "trafficPlanIntervalMs": ("traffic_plan_interval_ms", 700),
+    "cbsHighW": ("cbs_high_w", 2.0),
+    "cbsLowW": ("cbs_low_w", 1.1),
+    "trafficMethod": ("traffic_method", TrafficMethod.VENUS),
+    "linkMinDistance": ("push_distance_m_min", 0.5),
+    "linkMaxDistance": ("push_distance_m_max", 20.0),
+    "reverseDeadlock": ("reverse_out_of_deadlock", True),
+    "enablePrevent": ("deadlock_prevention", False),
+    "preRotate": ("turn_ahead", not SceneConfig().turn_ahead),
     "selectConfig": ("selection", "mine"),
 }
 LEVELS: dict[str, tuple[str, Any]] = {
@@ -164,14 +173,6 @@ FIXED: dict[str, tuple[str, Any]] = {
     "cpnDispatchPeriod": ("optical_dispatch_period", 0),
     "trafficPlanPausedOnFailedPlan": ("traffic_pause_on_failed_plan", False),
     "trafficDevConfigStr": ("traffic_settings", ""),
-    "cbsHighW": ("cbs_high_w", 1.5),
-    "cbsLowW": ("cbs_low_w", 1.2),
-    "linkMinDistance": ("push_distance_m_min", 0.0),
-    "linkMaxDistance": ("push_distance_m_max", 50.0),
-    "reverseDeadlock": ("reverse_out_of_deadlock", False),
-    "enablePrevent": ("deadlock_prevention", True),
-    "preRotate": ("turn_ahead", True),
-    "trafficMethod": ("traffic_method", "Distributed"),
 }
 
 
