@@ -29,7 +29,7 @@ PART_M = 3.0  # paths of twice this length and more are cut into parts of at lea
 THIRD_PARTIES = 1.0
 APART_M = 0.3  # more than they must be from each other
 BETTER = 0.9  # below this share of the hindrance they are taken: a tie is decided for more stops
-COMPILER = 7  # grows whenever the same area gives another roadmap
+COMPILER = 8  # grows whenever the same area gives another roadmap
 
 
 def digest_of(area: Area, groups: Sequence[Group]) -> str:

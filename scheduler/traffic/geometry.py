@@ -148,42 +148,60 @@ def curve_of(area: Area, path: Path) -> tuple[XY, ...]:
     return (ends[path.start], *path.controls, ends[path.end])
 
 
-def trace(curves: Sequence[tuple[XY, ...]], backward: Sequence[bool]) -> Traces:
-    """Sample every path; straight pieces need their two end poses only, for a hull is exact."""
-    lengths, first, starts, ends = [], [0], [], []
-    batches: dict[int, tuple[list[int], list[Floats]]] = {}
-    for controls, reverse in zip(curves, backward, strict=True):
-        flip = math.pi if reverse else 0.0
-        plain = is_straight(controls)
-        if plain:
-            (x0, y0), (x1, y1) = controls[0], controls[-1]
-            length, angle = math.hypot(x1 - x0, y1 - y0), math.atan2(y1 - y0, x1 - x0) + flip
-            count = max(1, math.ceil(length / PIECE_M - 1e-9))
-            poses = np.linspace((x0, y0, angle), (x1, y1, angle), count + 1)
-        else:
-            length, _ = poses_along(controls, 2, reverse)
-            count = max(1, math.ceil(length / PIECE_M - 1e-9))
-            length, poses = _close_poses(controls, count, reverse)
+def trace(
+    curves: Sequence[tuple[XY, ...]],
+    backward: Sequence[bool],
+    straight: Sequence[bool] | None = None,
+) -> Traces:
+    """Sample every path; straight pieces need their two end poses only, for a hull is exact.
+
+    `straight`: what `is_straight` says of each, where that is known.
+    """
+    plain = np.array([is_straight(c) for c in curves] if straight is None else straight, dtype=bool)
+    ends = np.array([(curve[0], curve[-1]) for curve in curves]).reshape(-1, 2, 2)
+    flip = np.where(np.asarray(backward, dtype=bool), math.pi, 0.0)
+    along = ends[:, 1] - ends[:, 0]
+    lengths = np.hypot(along[:, 0], along[:, 1])
+    angles = np.arctan2(along[:, 1], along[:, 0]) + flip
+    headings = np.column_stack((angles, angles))
+    curved: dict[int, Floats] = {}
+    for k in np.flatnonzero(~plain).tolist():
+        length, _ = poses_along(curves[k], 2, backward[k])
+        lengths[k], poses = _close_poses(curves[k], _pieces(length), backward[k])
+        curved[k] = poses
+        headings[k] = poses[0, 2], poses[-1, 2]
+    counts = np.maximum(1, np.ceil(lengths / PIECE_M - 1e-9)).astype(np.int64)
+    first = np.concatenate(([0], np.cumsum(counts)))
+    batches: dict[int, tuple[list[npt.NDArray[np.int64]], list[Floats]]] = {}
+    if plain.any():
+        owner = np.repeat(np.arange(len(counts)), np.where(plain, counts, 0))
+        number = np.flatnonzero(np.repeat(plain, counts))
+        share = ((number - first[owner])[:, None] + np.array([0, 1])) / counts[owner, None]
+        xy = ends[owner, None, 0] + along[owner, None] * share[:, :, None]
+        heading = np.repeat(angles[owner], 2).reshape(-1, 2, 1)
+        batches[1] = [number], [np.concatenate((xy, heading), axis=2)]
+    for k, poses in curved.items():
+        count = int(counts[k])
         step = (len(poses) - 1) // count
         numbers, kept = batches.setdefault(step, ([], []))
-        for k in range(count):
-            numbers.append(first[-1] + k)
-            kept.append(poses[k * step : (k + 1) * step + 1])
-        lengths.append(length)
-        first.append(first[-1] + count)
-        starts.append(wrap(float(poses[0, 2])))
-        ends.append(wrap(float(poses[-1, 2])))
+        numbers.append(np.arange(first[k], first[k + 1]))
+        kept.append(np.stack([poses[n * step : (n + 1) * step + 1] for n in range(count)]))
+    headings = (headings + math.pi) % (2 * math.pi) - math.pi
     return Traces(
         curves=list(curves),
-        length_m=lengths,
-        first=first,
-        heading_start=starts,
-        heading_end=ends,
+        length_m=lengths.tolist(),
+        first=first.tolist(),
+        heading_start=headings[:, 0].tolist(),
+        heading_end=headings[:, 1].tolist(),
         batches=[
-            (np.asarray(numbers, dtype=np.int64), np.asarray(kept, dtype=np.float64))
+            (np.concatenate(numbers), np.concatenate(kept))
             for _, (numbers, kept) in sorted(batches.items())
         ],
     )
+
+
+def _pieces(length_m: float) -> int:
+    return max(1, math.ceil(length_m / PIECE_M - 1e-9))
 
 
 def _close_poses(controls: Sequence[XY], pieces: int, backward: bool) -> tuple[float, Floats]:

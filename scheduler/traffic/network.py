@@ -40,7 +40,11 @@ def network(area: Area, part_m: float = math.inf, whole: Set[PathKey] = frozense
     found = parts(area, points, part_m, whole)
     paths = [part.path for part in found]
     start, end = [part.start for part in found], [part.end for part in found]
-    traces = trace([part.curve for part in found], [path.backward for path in paths])
+    traces = trace(
+        [part.curve for part in found],
+        [path.backward for path in paths],
+        [part.straight for part in found],
+    )
     out: list[list[int]] = [[] for _ in points]
     neighbours: list[set[int]] = [set() for _ in points]
     headings: list[list[float]] = [[] for _ in points]
@@ -76,6 +80,8 @@ def network(area: Area, part_m: float = math.inf, whole: Set[PathKey] = frozense
 
 
 def _note(known: list[float], heading: float) -> None:
+    if heading in known:
+        return
     if all(abs(wrap(heading - other)) > SMOOTH_RAD / 10 for other in known):
         known.append(heading)
 

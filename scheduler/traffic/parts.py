@@ -48,7 +48,7 @@ def parts(
         if not straight and _span_m(curve) <= LENGTH_M_MIN:
             continue
         one = Part(path=path, key=path.key, start=a, end=b, curve=curve, straight=straight)
-        length = _span_m(curve) if straight else poses_along(curve, 2, False)[0]
+        length = math.dist(curve[0], curve[-1]) if straight else poses_along(curve, 2, False)[0]
         if length < 2 * part_m or path.key in whole:
             found.append(one)
             continue
@@ -67,12 +67,13 @@ def _retreats(found: Sequence[Part]) -> list[Part]:
     in, so that nothing is driven against a one-way path.
     """
     near: dict[int, set[int]] = {}
-    ways: dict[tuple[int, int], list[Part]] = {}
     for part in found:
         near.setdefault(part.start, set()).add(part.end)
         near.setdefault(part.end, set()).add(part.start)
-        ways.setdefault((part.start, part.end), []).append(part)
     leaves = [point for point, others in near.items() if len(others) == 1]
+    ways: dict[tuple[int, int], list[Part]] = {}
+    for part in found if leaves else ():
+        ways.setdefault((part.start, part.end), []).append(part)
     made = []
     while leaves:
         inner = leaves.pop()
