@@ -145,12 +145,8 @@ class SceneConfigAll(Settings):
     trafficDevConfigStr: str | None = _says("trafficDevConfigStr")
     cbsHighW: Annotated[float, Field(ge=1, le=WEIGHT_MAX)] | None = _says("cbsHighW")
     cbsLowW: Annotated[float, Field(ge=1, le=WEIGHT_MAX)] | None = _says("cbsLowW")
-    linkMinDistance: Annotated[float, Field(ge=0, le=PUSH_M_MAX)] | None = _says(
-        "linkMinDistance"
-    )
-    linkMaxDistance: Annotated[float, Field(ge=0, le=PUSH_M_MAX)] | None = _says(
-        "linkMaxDistance"
-    )
+    linkMinDistance: Annotated[float, Field(ge=0, le=PUSH_M_MAX)] | None = _says("linkMinDistance")
+    linkMaxDistance: Annotated[float, Field(ge=0, le=PUSH_M_MAX)] | None = _says("linkMaxDistance")
     reverseDeadlock: bool | None = _says("reverseDeadlock")
     enablePrevent: bool | None = _says("enablePrevent")
     preRotate: bool | None = _says("preRotate")

@@ -98,8 +98,8 @@ class Venus:
         self._passing: Passing | None = None
         self._thinking: Answer[_Planned] | None = None
         self._first: tuple[str, ...] = ()  # had no route the last time
-        self._due_ms: int | None = None
-        self._old_ms = 0
+        self._due_ms = 0  # for what does not fit any more
+        self._old_ms = 0  # for what does
         self.counted = Counted()
 
     def propose(self, world: World) -> Proposal:
@@ -108,10 +108,8 @@ class Venus:
         self._take(world)
         fresh = self._passing is not None and self._passing.follow(world)
         now_ms = world.now_ms
-        due = (
-            self._due_ms is None or (now_ms >= self._due_ms and not fresh) or now_ms >= self._old_ms
-        )
-        if due and self._thinking is None:
+        due_ms = self._old_ms if fresh else self._due_ms
+        if now_ms >= due_ms and self._thinking is None:
             interval_ms = self.settings.interval_ms
             self._due_ms = now_ms + min(PLAN_MS_MIN, interval_ms)
             self._old_ms = now_ms + min(PLAN_MS_MAX, interval_ms)

@@ -258,7 +258,7 @@ class HttpMachine(RuleBasedStateMachine):
         wanted = {"withdrawnMinCost": cost, "parkingPaused": paused}
         assert self.good(path, wanted) is None
         self.bad(path, {"withdrawnMinCost": "dear"}, "errFieldInvalid")
-        self.bad(path, {"trafficMethod": "Venus"}, "errSceneConfig")
+        self.bad(path, {"noOpLog": True}, "errSceneConfig")
         assert self.server.get(path).items() >= wanted.items()
 
     def found(self, *ids: str) -> dict[str, Any]:

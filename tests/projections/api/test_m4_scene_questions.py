@@ -77,7 +77,7 @@ HAPPENED: tuple[AnyEvent, ...] = (
     ),
     robot(R1, tags=("b", "a"), image='{"src": [1]}', gateway_user="gw", plus_one=True),
     robot(R2, tags=("b",), disabled=True),
-    SceneConfigured(scene=SCENE, config=SceneConfig(parking_idle_s=77, cbs_high_w=9.0)),
+    SceneConfigured(scene=SCENE, config=SceneConfig(parking_idle_s=77, operation_log_days=9)),
     SceneRenamed(scene=YARD, name="yard", display_order=-1),
     RobotConnected(scene=SCENE, robot=R1),
     SceneRemoved(scene=GONE),
@@ -167,7 +167,7 @@ async def test_the_schema_has_settings_and_structure(client: httpx.AsyncClient) 
     assert list(told) == ["id", "basic", "newConfig", "structure"]
     assert told["basic"]["name"] == "hall"
     assert told["newConfig"]["parkIdleTime"] == 77
-    assert told["newConfig"]["cbsHighW"] == SceneConfig().cbs_high_w  # as it is obeyed
+    assert told["newConfig"]["opLogKeepDays"] == SceneConfig().operation_log_days  # as it is obeyed
     structure = told["structure"]
     assert list(structure) == [
         "robotGroups", "robotTags", "robots", "areas", "containerTypes", "doors", "lifts",
