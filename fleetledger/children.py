@@ -12,6 +12,7 @@ from fleetledger.clock import Clock
 from fleetledger.logs import configure
 from fleetledger.orphaned import stop_when_orphaned
 from ledger.zenoh_bus import ZenohBus
+from sim.faults import MIXES
 
 
 def run_scheduler(listen: str, connect: list[str], clock: str, data: Path) -> None:
@@ -20,10 +21,10 @@ def run_scheduler(listen: str, connect: list[str], clock: str, data: Path) -> No
         roles.run_scheduler(bus, Clock.parse(clock), data / "compiled", stop)
 
 
-def run_sim(connect: list[str], clock: str, data: Path, seed: int) -> None:
+def run_sim(connect: list[str], clock: str, data: Path, seed: int, faults: str) -> None:
     """Be the simulator's process."""
     with _role("sim", None, connect) as (bus, stop):
-        roles.run_sim(bus, Clock.parse(clock), data / "sim.json", seed, stop)
+        roles.run_sim(bus, Clock.parse(clock), data / "sim.json", seed, MIXES[faults], stop)
 
 
 @contextlib.contextmanager

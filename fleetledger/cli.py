@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from fleetledger.cli_access import access_app
-from fleetledger.config import Auth, Format, Settings
+from fleetledger.config import Auth, Faults, Format, Settings
 from fleetledger.telling import told
 
 # `serving` and `offline` are imported where they are used: between them they know every package,
@@ -84,6 +84,10 @@ def serve(
     simulate: Annotated[
         bool | None, typer.Option("--simulate", help="Drive the simulated robots of the scenes.")
     ] = None,
+    faults: Annotated[
+        Faults | None,
+        typer.Option(help="With --simulate: what goes wrong with robots and their links."),
+    ] = None,
     speed: Speed = None,
     seed: Seed = None,
     rdscore_port: Annotated[
@@ -117,6 +121,7 @@ def serve(
             auth=auth,
             scene=(*(scene or ()), *(more_scenes or ())) or None,
             simulate=simulate,
+            faults=faults,
             speed=speed,
             seed=seed,
             rdscore_port=rdscore_port,
@@ -259,12 +264,13 @@ def role_sim(
     clock: ClockText,
     data: Data,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")],
+    faults: Annotated[Faults, typer.Option(help="What goes wrong with them.")] = Faults.NONE,
 ) -> None:
     """Be the simulated robots; ends when standard input closes."""
     with told():
         from fleetledger import children
 
-        children.run_sim(connect, clock, data, seed)
+        children.run_sim(connect, clock, data, seed, faults)
 
 
 @role_app.command("analyst")

@@ -24,6 +24,14 @@ class Auth(StrEnum):
     NONE = "none"
 
 
+class Faults(StrEnum):
+    """Named mixes of `sim.faults`, of which a server has the part of robots and their links."""
+
+    NONE = "none"
+    LATE = "late"  # a tenth of all moves begins late
+    STANDARD = "standard"  # a hard day
+
+
 class Format(StrEnum):
     """How rows are printed."""
 
@@ -43,6 +51,9 @@ class Settings(BaseSettings):
     auth: Auth = Auth.KEYS
     scene: tuple[Path, ...] = ()
     simulate: bool = False
+    faults: Faults = Field(
+        Faults.NONE, description="What goes wrong with simulated robots and their links."
+    )
     speed: float = Field(1.0, gt=0, le=100)
     seed: int = 1
     rdscore_port: int | None = Field(None, ge=0, le=65534)

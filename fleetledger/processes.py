@@ -89,6 +89,6 @@ def children_of(settings: Settings, clock: Clock, core: str) -> list[Child]:
     common = ["--clock", clock.text(), "--data", str(settings.data)]
     children = [Child("scheduler", ["--listen", scheduler, "--connect", core, *common])]
     if settings.simulate:
-        seed = ["--seed", str(settings.seed)]
+        seed = ["--seed", str(settings.seed), "--faults", settings.faults]
         children.append(Child("sim", ["--connect", core, "--connect", scheduler, *seed, *common]))
     return children

@@ -12,10 +12,11 @@ import structlog
 
 from fleetledger.clock import Clock
 from fleetledger.proposing import ProposalsAnswer
+from fleetledger.stuck_log import StuckLog
 from ledger.bus import EVENTS_KEY, LAST_KEY, PROPOSE_KEY, Bus, counts_key, plans_key
 from ledger.events import AnyEvent
 from ledger.feed import FeedFollower
-from ledger.ids import RobotKey, RobotName, SceneId, robot_key
+from ledger.ids import RobotName, SceneId
 from ledger.link import DoorReport, Plan, Report
 from ledger.proposals import AnyProposal, StopRobot
 from ledger.scene import Area, Group
@@ -24,6 +25,7 @@ from scheduler.links.bus import BusLink
 from scheduler.links.devices import BusDevices, DeviceReport
 from scheduler.loop import Scheduler
 from scheduler.traffic.traffic import Traffic
+from sim.faults import FaultMix
 from sim.link import SimRole
 from sim.world import World
 
@@ -37,7 +39,6 @@ FOLLOW_S_MAX = 5.0
 # somebody waits for what comes of these: the next pass does not wait for its turn
 URGENT = (b'"type":"MapResourcesAsked"', b'"type":"RobotSoftStopped"')
 DEVICES_MAX = 10_000  # whose reports wait for the next pass
-STUCK_MAX = 10_000  # robots that the log remembers as stuck
 
 
 _answers = msgspec.json.Decoder(ProposalsAnswer)
@@ -100,7 +101,7 @@ class SchedulerRole:
         self._cache = cache
         self._follower = FeedFollower(bus)
         self._inbox = Inbox()
-        self._stuck: dict[RobotKey, str] = {}  # what the log has been told of
+        self._stuck = StuckLog()
         self._in_vain = False  # the core takes no proposals for now
         link = BusLink(bus)
         devices = BusDevices(bus)
@@ -145,23 +146,8 @@ class SchedulerRole:
         return self._follower.drain()
 
     def _show(self, scene: SceneId, plans: Sequence[Plan]) -> None:
-        for plan in plans:
-            self._tell_stuck(robot_key(scene, plan.robot), plan)
+        self._stuck.look(plans)
         self._bus.publish(plans_key(scene), msgspec.json.encode(plans))
-
-    def _tell_stuck(self, key: RobotKey, plan: Plan) -> None:
-        """Log once that a robot cannot get on, and once that it can again."""
-        text = None if plan.alarm is None else plan.alarm.message
-        if text == self._stuck.get(key):
-            return
-        if plan.alarm is None:
-            del self._stuck[key]
-            log.info("robot is no longer stuck", scene=plan.scene, robot=plan.robot)
-        else:
-            self._stuck[key] = plan.alarm.message
-            if len(self._stuck) > STUCK_MAX:  # of robots that have been taken away since
-                del self._stuck[next(iter(self._stuck))]
-            log.warning("robot is stuck", scene=plan.scene, robot=plan.robot, reason=text)
 
     def _count(self, counts: Counts) -> None:
         self._bus.publish(counts_key(counts.scene), msgspec.json.encode(counts))
@@ -193,9 +179,11 @@ def run_scheduler(bus: Bus, clock: Clock, cache: Path, stop: threading.Event) ->
     _paced(clock, stop, tick, hurry)
 
 
-def run_sim(bus: Bus, clock: Clock, saved: Path, seed: int, stop: threading.Event) -> None:
+def run_sim(
+    bus: Bus, clock: Clock, saved: Path, seed: int, faults: FaultMix, stop: threading.Event
+) -> None:
     """Be the simulated robots until told to stop."""
-    world = World(random.Random(seed))
+    world = World(random.Random(seed), faults)
     role = SimRole(bus, FeedFollower(bus), world, memory=saved)
     role.start(clock.now_ms())
     try:
