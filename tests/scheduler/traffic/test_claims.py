@@ -295,3 +295,44 @@ def test_the_same_calls_give_the_same_answers():
         return made.traffic.plans(0), [robot.x for robot in made.robots.values()]
 
     assert story() == story()
+
+
+def test_nobody_sets_out_over_ground_that_a_lost_robot_holds():
+    """It may go as far as it has been granted: who set out after it would wait in its lane."""
+    made = floor(lattice(7, 2), {"R1": ("P0-0", 0.0), "R0": ("P0-1", 0.0)})
+    send(made, "R1", "P6-0")
+    while made.robots[R1].x < 3.0:
+        made.tick()
+    lost = made.robots[R1]
+    lost.speed, lost.frozen_s = 0.0, 1e9
+    made.traffic.lost(R1)
+    lost.report_news = lambda *_: None  # nobody hears it any more
+    held = shapely.union_all([shapely.Polygon(s.points) for s in plan(made, R1).spaces])
+    at = next(p for p in made.points.values() if p.y_m == 0.0 and held.contains(at_point(p)))
+    send(made, "R0", at.name)
+    for _ in range(200):
+        made.tick()
+        assert not made.traffic._tracks[R0].promised
+    send(made, "R0", "P6-1")
+    until(made, "R0", "P6-1")
+
+
+def test_others_go_round_a_robot_that_stands_off_its_points():
+    """It stands between two lanes, on both, and does not move."""
+    made = floor(lattice(5, 4), {"R1": ("P0-3", 0.0), "R0": ("P0-0", 0.0)})
+    made.robots[R1].x, made.robots[R1].y = 4.0, 0.5
+    made.busy[R1] = made.now_ms + 10**9
+    send(made, "R0", "P4-0")
+    highest_m = 0.0
+    for _ in range(900):
+        made.tick()
+        made.judge()
+        highest_m = max(highest_m, made.robots[R0].y)
+        if made.traffic.stands_at(R0, PointName("P4-0")):
+            break
+    assert made.traffic.stands_at(R0, PointName("P4-0"))
+    assert highest_m >= 2.0
+
+
+def at_point(point):
+    return shapely.Point(point.x_m, point.y_m)
