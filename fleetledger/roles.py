@@ -4,6 +4,7 @@ import random
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from scheduler.links.bus import BusLink
 from scheduler.links.devices import BusDevices, DeviceReport
 from scheduler.loop import Scheduler
 from scheduler.traffic.traffic import Traffic
+from scheduler.traffic.venus import Think, at_once
 from sim.faults import FaultMix
 from sim.link import SimRole
 from sim.world import World
@@ -95,14 +97,17 @@ class Inbox:
 class SchedulerRole:
     """The scheduler on a bus. What it owes after a start it derives from state and reports."""
 
-    def __init__(self, bus: Bus, cache: Path | None) -> None:
-        """Take the bus to the core and the robots, and a folder for compiled maps."""
+    def __init__(self, bus: Bus, cache: Path | None, think: Think = at_once) -> None:
+        """Take the bus to the core and the robots, a folder for compiled maps, and who does what
+        planners take long for: on virtual time it is done at once.
+        """
         self._bus = bus
         self._cache = cache
         self._follower = FeedFollower(bus)
         self._inbox = Inbox()
         self._stuck = StuckLog()
         self._in_vain = False  # the core takes no proposals for now
+        self._think = think
         link = BusLink(bus)
         devices = BusDevices(bus)
         fleet = self._follower.start()
@@ -154,7 +159,7 @@ class SchedulerRole:
 
     def _traffic(self, scene: SceneId, area: Area, groups: Sequence[Group]) -> Traffic:
         log.info("map is being compiled", scene=scene, area=area.name, points=len(area.points))
-        return Traffic(scene, area, groups, self._cache)
+        return Traffic(scene, area, groups, self._cache, think=self._think)
 
 
 def _dropped(key: str, reason: str) -> None:
@@ -163,7 +168,9 @@ def _dropped(key: str, reason: str) -> None:
 
 def run_scheduler(bus: Bus, clock: Clock, cache: Path, stop: threading.Event) -> None:
     """Plan until told to stop."""
-    role = SchedulerRole(bus, cache)
+    # Venus searches beside the loop, for one area at a time: plain Python has one core anyway.
+    thinker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="venus")
+    role = SchedulerRole(bus, cache, thinker.submit)
     hurry = threading.Event()
 
     def heard(_: str, payload: bytes) -> None:
@@ -176,7 +183,10 @@ def run_scheduler(bus: Bus, clock: Clock, cache: Path, stop: threading.Event) ->
             hurry.set()
 
     bus.subscribe(EVENTS_KEY, heard)
-    _paced(clock, stop, tick, hurry)
+    try:
+        _paced(clock, stop, tick, hurry)
+    finally:
+        thinker.shutdown(wait=False, cancel_futures=True)
 
 
 def run_sim(
