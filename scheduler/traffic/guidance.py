@@ -91,6 +91,7 @@ class _Graph:
         key = edges.heads[order].astype(np.int64) * nodes + edges.tails[order]
         first = np.append(True, key[1:] != key[:-1])  # the cheapest of parallel ones
         self.costs, self.nodes, self.states = costs, nodes, costs.goal_node(0)
+        self.place_of = np.array(costs.place_of, dtype=np.int64)
         self.key = key[first]
         kept = order[first]
         self.move = edges.move[kept].astype(np.int64)
@@ -101,7 +102,7 @@ class _Graph:
 
     def demand(self, sources: Sequence[int]) -> _Array:
         """One robot for each source, shared by the headings in which it may stand there."""
-        place_of = np.array(self.costs.place_of)
+        place_of = self.place_of
         many = np.bincount(place_of, minlength=len(self.costs.roadmap.places.point))
         wanted = np.zeros(len(many))
         wanted[list(sources)] = 1.0
@@ -117,6 +118,7 @@ class _Graph:
         way_s, onward = ways_s[0], before[0].astype(np.int64)
         far_first = np.argsort(-way_s[: self.states], kind="stable")
         far_first = far_first[onward[far_first] >= 0]
+        demand = np.where(self.place_of == goal, 0.0, demand)  # who is there stays
         passing = [*demand.tolist(), *[0.0] * (self.nodes - self.states)]
         for state, after in zip(far_first.tolist(), onward[far_first].tolist(), strict=True):
             passing[after] += passing[state]
