@@ -21,8 +21,7 @@ class Watchman:
 
     def __init__(self) -> None:
         """Begin with nobody."""
-        self._held: dict[RobotName, Breach] = {}
-        self._since_ms: dict[RobotName, int] = {}
+        self._held: dict[RobotName, tuple[Breach, int]] = {}  # as first seen, and since when
         self._stopped: set[RobotName] = set()  # and seen to be so, in the state
 
     def look(
@@ -35,8 +34,11 @@ class Watchman:
     ) -> list[AnyProposal]:
         """Propose stops and their end; one that obeys somebody else is that one's to stop."""
         breaches = [breach for area in traffic.values() for breach in area.look(now_ms)]
-        self._held = {name: breach for breach in breaches for name in breach.stopped}
-        self._since_ms = {name: self._since_ms.get(name, now_ms) for name in self._held}
+        self._held = {
+            name: self._held.get(name, (breach, now_ms))
+            for breach in breaches
+            for name in breach.stopped
+        }
         settled = all(area.ready for area in traffic.values())
         proposals: list[AnyProposal] = []
         for robot in robots:
@@ -52,19 +54,16 @@ class Watchman:
                 for area in traffic.values():
                     area.excuse(name)
             elif name in reports and reports[name].controller == DISPATCHER:
-                reason = self._held[name].words
+                reason = self._held[name][0].words
                 proposals.append(StopRobot(scene=scene, robot=name, reason=reason))
         return proposals
 
     def alarmed(self, plan: Plan) -> Plan:
         """Put the alarm of a breach on the plan of a robot that is held for it."""
-        breach = self._held.get(plan.robot)
-        if breach is None:
+        if plan.robot not in self._held:
             return plan
+        breach, since_ms = self._held[plan.robot]
         alarm = Alarm(
-            level=AlarmLevel.FATAL,
-            code=breach.kind,
-            message=breach.words,
-            at_ms=self._since_ms[plan.robot],
+            level=AlarmLevel.FATAL, code=breach.kind, message=breach.words, at_ms=since_ms
         )
         return msgspec.structs.replace(plan, alarm=alarm)

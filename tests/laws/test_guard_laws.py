@@ -120,3 +120,14 @@ def test_an_operator_may_send_a_held_robot_on_and_keeps_stops_of_their_own():
     shift.run(4.0)
     stop = robot(shift, other).told(InstructionKind.SOFT_STOP)
     assert other.soft_stop and stop is not None and not stop.reason
+
+
+def stage(seed: int) -> None:
+    """A soak's turn: quiet as long as nothing is wrong, and nobody hurt when everything is."""
+    onlooker = at_work(seed)
+    onlooker.run(60.0)
+    assert stops(onlooker.shift) == []
+    strike_blind(onlooker.shift)
+    for _ in range(300):
+        onlooker.shift.run(0.2)
+        assert collisions({name: b for (_, name), b in onlooker.bodies().items()}) == []

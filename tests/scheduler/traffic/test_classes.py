@@ -221,3 +221,17 @@ def test_with_loads_that_come_and_go_nobody_overlaps_or_leaves_its_ground(seed, 
         made.restart()
     made.run(40)
     assert sum(made.done.values())
+
+
+def stage(seed: int) -> None:
+    """A soak's turn: six carriers on a lattice, with a new scheduler now and then."""
+    chance = random.Random(seed)
+    area = lattice(5, 5, chance.choice((1.4, 1.7, 2.0)))
+    roadmap = compile_area(area, FORKS)
+    stops = [roadmap.net.points[p].name for p in roadmap.places.point[: roadmap.places.stops]]
+    chosen = chance.sample(stops, min(6, len(stops) - 2))
+    starts = {f"R{k}": (point, chance.uniform(-3, 3)) for k, point in enumerate(chosen)}
+    made = Carriers(area, FORKS, starts, stops, seed=seed, late=0.1, service_s=1.0)
+    for _ in range(4):
+        made.run(chance.uniform(20, 60), report_loss=chance.choice((0.0, 0.1)))
+        made.restart()
