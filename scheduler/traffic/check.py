@@ -1,29 +1,22 @@
 """What a planner would trip over in a scene, in words, before any robot is on the floor."""
 
 import math
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable
 
 import shapely
 
 from ledger.ids import PointName
-from ledger.scene import Area, Group, PointKind, SceneFile, Value
+from ledger.scene import Area, PointKind, SceneFile
+from scheduler.traffic import tight
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE, Costs
-from scheduler.traffic.geometry import MARGIN_M
+from scheduler.traffic.finding import Finding, some
 from scheduler.traffic.network import Network, network
 from scheduler.traffic.roadmap import Roadmap
-from scheduler.traffic.stops import clashes, passable
+from scheduler.traffic.stops import passable
 
-NAMED_MAX = 5  # names said in one sentence; the rest is counted
-
-
-class Finding(Value, frozen=True, kw_only=True):
-    """One thing found. `unusable`: no robot could be moved there as it is."""
-
-    code: str
-    words: str
-    unusable: bool = False
+DEEP_M = 3.0  # a shorter dead end is a parking stub
 
 
 def check_scene(scene: SceneFile) -> list[Finding]:
@@ -71,14 +64,14 @@ def _area(scene: SceneFile, area: Area) -> list[Finding]:
     if not roadmap.places.stops:
         words = f"Area {area.name} has no place where a robot may rest."
         return [*found, Finding(code="NoStop", words=words, unusable=True)]
-    found += _near(area, roadmap, scene.groups)
-    found += _tight(area, roadmap, scene.groups)
+    found += tight.findings(area, roadmap)
     if not roadmap.moves.count:
         words = f"Area {area.name}: no robot can go from one place to another."
         return [*found, Finding(code="NoMove", words=words, unusable=True)]
     found += _room(area, roadmap, len(scene.robots) if len(scene.areas) == 1 else 0)
     found += _reach(area, roadmap, costs)
     found += _turning(area, roadmap.net)
+    found += _pockets(area, roadmap)
     found += _blocking(area, roadmap)
     return found
 
@@ -90,7 +83,7 @@ def _names(area: Area) -> list[Finding]:
     def say(code: str, names: Iterable[str], words: str, unusable: bool) -> None:
         listed = sorted(names)
         if listed:
-            text = f"Area {area.name}: {words}: {_some(listed)}."
+            text = f"Area {area.name}: {words}: {some(listed)}."
             found.append(Finding(code=code, words=text, unusable=unusable))
 
     points = Counter(point.name for point in area.points)
@@ -111,49 +104,6 @@ def _names(area: Area) -> list[Finding]:
     say("BinPointUnknown", lost, "bins at points that are not there", True)
     alone = (net.points[k].name for k, near in enumerate(net.neighbours) if not near)
     say("PointAlone", alone, "points that no path touches", False)
-    return found
-
-
-def _near(area: Area, roadmap: Roadmap, groups: Sequence[Group]) -> list[Finding]:
-    """Points so near to each other that two robots cannot rest on both."""
-    net, widest = roadmap.net, len(roadmap.footprints) - 1
-    pairs = []
-    for a, others in enumerate(clashes(net, roadmap.cells, widest)):
-        for b in others:
-            p, q = net.points[a], net.points[b]
-            if a < b:
-                pairs.append((math.hypot(p.x_m - q.x_m, p.y_m - q.y_m), p.name, q.name))
-    if not pairs:
-        return []
-    named = [f"{a} and {b} ({way:.2f} m)" for way, a, b in sorted(pairs)]
-    words = (
-        f"Area {area.name}: {len(pairs)} pairs of points are so near to each other that robots "
-        f"cannot rest and turn on both ({MARGIN_M:.2f} m of clearance included): {_some(named)}. "
-        f"Robots rest on {roadmap.places.stops} of {len(net.points)} points."
-    )
-    return [Finding(code="PointsTooNear", words=words)]
-
-
-def _tight(area: Area, roadmap: Roadmap, groups: Sequence[Group]) -> list[Finding]:
-    """Points where loads are taken beside which a robot rests well, until it has its load."""
-    net, found = roadmap.net, []
-    for group in groups:
-        empty = roadmap.classes.of(group.id)
-        loaded = roadmap.classes.of(group.id, loaded=True)
-        if empty == loaded:
-            continue
-        before, after = (clashes(net, roadmap.cells, kind) for kind in (empty, loaded))
-        tight = {k: after[k] - before[k] for k in net.goals if after[k] - before[k]}
-        if tight:
-            named = [
-                f"{net.points[k].name} ({_some(sorted(net.points[q].name for q in others))})"
-                for k, others in tight.items()
-            ]
-            words = (
-                f"Area {area.name}: where loaded robots of group {group.name} hinder others at "
-                f"points beside which empty ones do not: {_some(sorted(named))}."
-            )
-            found.append(Finding(code="TightWhenLoaded", words=words))
     return found
 
 
@@ -199,7 +149,7 @@ def _reach(area: Area, roadmap: Roadmap, costs: Costs) -> list[Finding]:
         ("BinUnreachable", loose_bins, "bins at points where no robot may stop"),
     ):
         if names:
-            text = f"Area {area.name}: {words}: {_some(sorted(names))}."
+            text = f"Area {area.name}: {words}: {some(sorted(names))}."
             found.append(Finding(code=code, words=text))
     return found
 
@@ -230,35 +180,65 @@ def _turning(area: Area, net: Network) -> list[Finding]:
         return []
     words = (
         f"Area {area.name}: points where turning is forbidden and no path goes on with the heading "
-        f"of arrival: {_some(sorted(stuck))}."
+        f"of arrival: {some(sorted(stuck))}."
     )
     return [Finding(code="TurnNeeded", words=words)]
 
 
-def _blocking(area: Area, roadmap: Roadmap) -> list[Finding]:
-    """Parking places and chargers on which a robot stands in the way of others."""
-    kinds = (PointKind.PARKING, PointKind.CHARGING)
-    resting = {
-        place: roadmap.net.points[point].name
-        for place, point in enumerate(roadmap.places.point)
-        if roadmap.net.points[point].kind in kinds
-    }
-    blocked: Counter[PointName] = Counter()
-    for move, need in enumerate(roadmap.moves.need):
-        for place, name in resting.items():
-            if need >> place & 1 and place != roadmap.moves.end[move]:
-                blocked[name] += 1
-    if not blocked:
+def _pockets(area: Area, roadmap: Roadmap) -> list[Finding]:
+    """Dead ends with room for several robots, which cannot pass each other there."""
+    inside: dict[int, list[int]] = {}
+    for place, pocket in enumerate(roadmap.pockets.pocket):
+        if pocket >= 0:
+            inside.setdefault(pocket, []).append(place)
+    depth = roadmap.pockets.depth_m
+    ends = []
+    for places in inside.values():
+        deepest = max(places, key=lambda place: (depth[place], -place))
+        if len(places) > 1 and depth[deepest] >= DEEP_M:
+            ends.append((-depth[deepest], _name(roadmap, deepest)))
+    if not ends:
         return []
-    named = [f"{name} ({count} ways)" for name, count in blocked.most_common()]
+    named = [f"{name} ({-way:.0f} m)" for way, name in sorted(ends)]
     words = (
-        f"Area {area.name}: a robot that rests on these parking places or chargers blocks ways "
-        f"between other points: {_some(named)}."
+        f"Area {area.name}: {len(ends)} dead ends, where robots cannot pass each other: one enters "
+        f"only behind those who go deeper, and waits for all who come out: {some(named)}."
     )
-    return [Finding(code="StopBlocksLane", words=words)]
+    return [Finding(code="NoWayThrough", words=words)]
 
 
-def _some(names: Sequence[str]) -> str:
-    if len(names) <= NAMED_MAX:
-        return ", ".join(names)
-    return f"{', '.join(names[:NAMED_MAX])} and {len(names) - NAMED_MAX} more"
+def _blocking(area: Area, roadmap: Roadmap) -> list[Finding]:
+    """Places where a robot that stays stands in the way of others."""
+    net, places = roadmap.net, roadmap.places
+    stay: dict[int, str] = {}
+    for place, point in enumerate(places.point):
+        if net.points[point].kind in (PointKind.PARKING, PointKind.CHARGING):
+            stay[place] = "StopBlocksLane"
+        elif point in net.goals:
+            stay[place] = "WorkBlocksLane"
+    blocked: dict[str, Counter[PointName]] = defaultdict(Counter)
+    bits = sum(1 << place for place in stay)
+    for move, need in enumerate(roadmap.moves.need):
+        met = need & bits & ~(1 << roadmap.moves.end[move])
+        while met:
+            low = met & -met
+            place = low.bit_length() - 1
+            blocked[stay[place]][net.points[places.point[place]].name] += 1
+            met ^= low
+    found = []
+    for code, who in (
+        ("StopBlocksLane", "rests on these parking places or chargers"),
+        ("WorkBlocksLane", "works at these points"),
+    ):
+        if blocked[code]:
+            named = [f"{name} ({count} ways)" for name, count in blocked[code].most_common()]
+            words = (
+                f"Area {area.name}: a robot that {who} blocks ways between other points: "
+                f"{some(named)}."
+            )
+            found.append(Finding(code=code, words=words))
+    return found
+
+
+def _name(roadmap: Roadmap, place: int) -> str:
+    return roadmap.net.points[roadmap.places.point[place]].name

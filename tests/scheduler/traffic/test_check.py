@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import msgspec
 import pytest
 
@@ -107,3 +109,60 @@ def test_where_loads_are_taken_too_near_to_others_is_said():
 def test_a_loaded_footprint_without_ground_is_unusable():
     flat = Group(id=0, name="g", footprint_loaded=((0.0, 0.0), (1.0, 0.0), (2.0, 0.0)))
     assert codes(lattice(2, 2), groups=(flat,))["FootprintEmpty"]
+
+
+def words_of(area, **given):
+    found = check_scene(SceneFile(name="s", areas=(area,), **given))
+    return {finding.code: finding.words for finding in found}
+
+
+def beside(gap_m):
+    """Two rows of short lanes side by side, this far apart."""
+    names = [[f"P{i}-{j}" for i in range(8)] for j in range(2)]
+    points = [
+        Point(name=PointName(name), x_m=2.0 * i, y_m=gap_m * j)
+        for j, row in enumerate(names)
+        for i, name in enumerate(row)
+    ]
+    return area_of(points, [p for row in names for a, b in pairwise(row) for p in both(a, b)])
+
+
+def test_roads_nearer_than_a_robot_is_wide_are_named():
+    words = words_of(beside(0.7))["RoadsTooNear"]
+    assert "of the ways between stops" in words and "->" in words
+    assert "RoadsTooNear" not in words_of(beside(2.0))
+    assert "RoadsTooNear" not in words_of(lattice(5, 5))
+
+
+def test_dead_ends_in_which_robots_cannot_pass_are_named_with_their_depth():
+    area = lattice(3, 3)
+    stub = [point(f"S{k}", 4.0 + 2.0 * k) for k in (1, 2, 3)]
+    line = ["P2-0", "S1", "S2", "S3"]
+    paths = [p for a, b in pairwise(line) for p in both(a, b)]
+    words = words_of(area_of([*area.points, *stub], [*area.paths, *paths]))["NoWayThrough"]
+    assert "S3 (6 m)" in words
+
+
+def test_a_turn_that_hits_a_robot_or_a_wall_is_named():
+    near = [point("A", 0.0), point("B", 2.0), point("C", 2.9), point("D", 5.0)]
+    area = area_of(near, both("A", "B") + both("B", "C") + both("C", "D"))
+    assert "TurnHitsRobots" in words_of(area)
+    walled = msgspec.structs.replace(lattice(3, 3), walls=(((-1.0, -0.5), (0.5, -0.5)),))
+    words = words_of(walled)["TurnHitsWall"]
+    assert "P0-0" in words and "P1-0" not in words
+
+
+def test_points_where_work_blocks_others_are_named():
+    points = [
+        point("A", 0.0),
+        point("B", 3.0, kind=PointKind.ACTION),
+        point("B2", 3.5),
+        point("C", 6.5),
+    ]
+    area = area_of(points, both("A", "B") + both("B", "B2") + both("B2", "C"))
+    assert "B (" in words_of(area)["WorkBlocksLane"]
+
+
+def test_points_inside_long_paths_are_never_named():
+    area = area_of([point("A", 0.0), point("B", 20.0)], both("A", "B"))
+    assert not any("@" in words for words in words_of(area).values())
