@@ -154,7 +154,7 @@ class Tally:
 
 
 def _plannings(counted: Counter[str]) -> dict[str, int]:
-    others = {word for word in counted if word == PUSHES or word.startswith(LADDER)}
+    others = {word for word in counted if word in (PUSHES, BREACHES) or word.startswith(LADDER)}
     return {word: n for word, n in sorted(counted.items()) if word not in others}
 
 

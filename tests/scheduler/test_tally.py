@@ -100,6 +100,15 @@ def test_counts_go_on_when_traffic_is_made_anew():
     assert (noted.pushes, noted.plannings) == (5, {"Goals": 11, "Pace": 1})
 
 
+def test_what_was_done_for_the_stuck_is_counted_beside_plannings():
+    tally = Tally(0)
+    tally.count(0, {"Goals": 1}, {"searches": 3, "rescues": 2})
+    tally.count(0, {"Goals": 1}, {"searches": 1, "rescues": 0})  # a map was replaced
+    counts = tally.counts(SCENE, 7)
+    assert counts.ladder == {"rescues": 2, "searches": 4}
+    assert counts.plannings == {"Goals": 1}
+
+
 @given(st.lists(st.integers(0, 5_000), min_size=1, max_size=400))
 def test_no_time_is_lost_however_much_is_left_out(steps: list[int]):
     tally, now_ms, total_ms = Tally(0), 0, 0

@@ -257,3 +257,15 @@ async def test_too_many_clients_are_turned_away(
     assert (await third.next())["type"] == "websocket.accept"
     assert (await third.next())["type"] == "websocket.send"
     await third.leave()
+
+
+async def test_a_robot_that_cannot_get_on_is_an_error_of_the_core(
+    client: httpx.AsyncClient, live: Live
+) -> None:
+    stuck = Alarm(level=AlarmLevel.ERROR, code="TrafficStuck", message="R1 cannot", at_ms=NOW_MS)
+    for alarm, codes in ((stuck, [52107]), (None, [])):
+        live.intend(Plan(scene=SCENE, robot=RobotName("R1"), at_ms=NOW_MS, ready=True, alarm=alarm))
+        found = (await client.get("/robotsStatus")).json()
+        errors = found["alarms"]["errors"]
+        assert [e["code"] for e in errors if e["desc"] == "R1 cannot"] == codes
+        assert bool(codes) == any(e.get("desc") == "R1 cannot" for e in found["errors"])

@@ -95,6 +95,7 @@ class Site:
 
     def _plan(self) -> None:
         random = self.random
+        stuck = Alarm(level=AlarmLevel.ERROR, code="TrafficStuck", message="m", at_ms=self.now_ms)
         for robot in self._robots():
             paths = tuple(PathKey(f"AP{n}->AP{n + 1}") for n in range(random.randrange(2)))
             self.side.live.intend(
@@ -111,6 +112,7 @@ class Site:
                     blocked_by=(RobotName("R1"),) if random.random() < 0.2 else (),
                     commit=random.randrange(3),
                     moving=random.random() < 0.5,
+                    alarm=stuck if random.random() < 0.2 else None,
                 )
             )
 
