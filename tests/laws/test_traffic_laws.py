@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from ledger.ids import PointName
 from ledger.scene import Area, Group, Path, Point
+from ledger.scene_config import SceneConfig, TrafficMethod
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import area_of, lattice
 
@@ -49,7 +50,8 @@ def floors(draw) -> Floor:
     count = draw(st.integers(1, min(6, len(points))))
     starts = {f"R{k}": (p.name, chance.uniform(-3, 3)) for k, p in enumerate(points[:count])}
     goals = [PointName(point.name) for point in area.points]
-    return Floor(area, GROUPS, starts, goals, seed=seed, late=0.1, service_s=1.0)
+    config = SceneConfig(traffic_method=draw(st.sampled_from(TrafficMethod)))
+    return Floor(area, GROUPS, starts, goals, seed=seed, late=0.1, service_s=1.0, config=config)
 
 
 @FEW

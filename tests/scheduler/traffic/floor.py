@@ -13,6 +13,7 @@ from typing import cast
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Mark, Piece, Report, TellRoute
 from ledger.scene import XY, Area, Group
+from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
 from scheduler.traffic.judge import body, collisions, double_grants, outside
 from scheduler.traffic.traffic import Traffic
@@ -219,6 +220,7 @@ class Floor:
         lane_of: Mapping[PointName, str] | None = None,
         lane_max: int = 2,
         free_flow: bool = False,
+        config: SceneConfig | None = None,
     ) -> None:
         """`lane_of`: dispatch sends no more than `lane_max` orders at a time into one of these;
         `free_flow`: the control, robots that pass through each other.
@@ -251,12 +253,15 @@ class Floor:
         self.begun_ms, self.begun_done = self.now_ms, 0  # of the measurement
         self.radius_m = max(math.hypot(*xy) for group in groups for xy in group.footprint)
         self.starts, self.free_flow = starts, free_flow
+        self.config = config
         self.traffic: Traffic = self.fresh_traffic()
 
     def fresh_traffic(self) -> Traffic:
         if self.free_flow:
             return cast(Traffic, FreeFlow(self.area, self.groups, self.starts, self.group_of))
         traffic = Traffic(SCENE, self.area, self.groups)
+        if self.config is not None:
+            traffic.tune(self.config)
         for name in self.robots:
             traffic.add(name, self.group_of[name])
         return traffic

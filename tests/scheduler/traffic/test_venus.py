@@ -1,6 +1,7 @@
 """TP2: what it proposes can be driven, is never less than PIBT's, and is the same every time."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given, settings
@@ -20,8 +21,8 @@ from tests.scheduler.traffic.test_pibt import worlds
 
 GROUPS = (Group(id=0, name="g"),)
 VENUS = SceneConfig(traffic_method=TrafficMethod.VENUS)
-FEW = settings(max_examples=30, deadline=None)
-VERY_FEW = settings(max_examples=6, deadline=None)
+FEW = settings(max_examples=15, deadline=None)
+VERY_FEW = settings(max_examples=4, deadline=None)
 
 
 def looking_ahead(world, free_s=0.0):
@@ -32,10 +33,9 @@ def looking_ahead(world, free_s=0.0):
 
 
 def floor(area, starts, goals=(), method=VENUS, **given_):
-    made = Floor(area, GROUPS, starts, list(goals), **given_)
+    made = Floor(area, GROUPS, starts, list(goals), config=method, **given_)
     if not goals:
         made.idle = set(made.robots)
-    made.traffic.tune(method)
     return made
 
 
@@ -87,7 +87,7 @@ def test_without_a_plan_for_everybody_it_proposes_what_pibt_does(world):
         assert proposal == pibt.propose(world)
 
 
-def test_while_it_thinks_pibt_proposes_and_a_plan_that_comes_late_is_taken(monkeypatch):
+def test_while_it_thinks_pibt_proposes_and_a_plan_that_comes_late_is_taken():
     class Later:
         def __init__(self, work):
             self.work, self.ready = work, False
@@ -123,6 +123,18 @@ def test_while_it_thinks_pibt_proposes_and_a_plan_that_comes_late_is_taken(monke
     made.judge()
     assert venus.counted.plans > 1
     assert made.traffic.stands_at(RobotName("R0"), PointName("P3-3"))
+
+
+def test_a_thread_may_search_and_nobody_waits_for_it():
+    made = floor(lattice(5, 5), {"R0": ("P0-0", 0.0), "R1": ("P4-4", 0.0)})
+    with ThreadPoolExecutor(max_workers=1) as thinker:
+        made.traffic._think = thinker.submit
+        made.traffic.tune(SceneConfig())
+        made.traffic.tune(VENUS)
+        send(made, "R0", "P4-4")
+        send(made, "R1", "P0-0")
+        assert all_arrive(made, 90)
+    assert made.traffic._planner.counted.plans > 1
 
 
 def test_a_switch_on_the_way_loses_nothing():
