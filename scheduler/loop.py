@@ -320,6 +320,8 @@ class Scheduler:
         if self._now_ms - pace.plans_ms >= PLANS_MS:
             pace.plans_ms = self._now_ms
             self._show(scene, pace, site.take_plans(self._now_ms))
+            if pace.shown_ms == self._now_ms:
+                site.sum_up(self._now_ms)
             if pace.whole_ms == self._now_ms:
                 self._counted(site.tally.counts(scene, self._now_ms))
 

@@ -350,7 +350,12 @@ class Site:
             for plan in traffic.plans(now_ms)
         ]
         self.plans = {plan.robot: plan for plan in plans}
-        self.tally.take((plan.wait for plan in plans if plan.wait is not None), now_ms)
+        return plans
+
+    def sum_up(self, now_ms: int) -> None:
+        """Add who waits now, and what traffic has counted, to the sums."""
+        waits = (plan.wait for plan in self.plans.values())
+        self.tally.take((wait for wait in waits if wait is not None), now_ms)
         plannings: Counter[str] = Counter()
         ladder: Counter[str] = Counter()
         for traffic in self.traffic.values():
@@ -359,7 +364,6 @@ class Site:
         every = self.traffic.values()
         breaches = sum(traffic.breaches_so_far for traffic in every)
         self.tally.count(sum(t.pushes for t in every), plannings, ladder, breaches)
-        return plans
 
 
 def _identical(before: tuple[Order, ...], now: tuple[Order, ...]) -> bool:

@@ -16,12 +16,13 @@ from ledger.link import DISPATCHER, DOOR, EXTERNAL, Mark, Report
 from ledger.waits import Wait, WaitReason
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.grants import Grants
-from scheduler.traffic.pibt import World, has_token, room
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import ARRIVED_M, Track
+from scheduler.traffic.world import World, has_token, room
 
 __all__ = ["Wait", "WaitReason", "Waits"]
 
+LOOK_MS = 400  # between two looks; they cost a twentieth of traffic if twice as often (measured)
 WAIT_MS_MIN = 1_000  # robots stand for less at every turn
 LATE_MS_MIN = 3_000  # between a grant and the first report of progress lie a few hundred
 BLOCKERS_MAX = 4  # named in one wait
@@ -72,13 +73,13 @@ class Waits:
         """Take the map, for the names of its points."""
         self._roadmap = roadmap
         self._ends: dict[PathKey, PointName] = {path.key: path.end for path in roadmap.net.paths}
-        self._seen: dict[RobotName, tuple[Mark, Report | None]] = {}
+        self._seen: dict[RobotName, Mark] = {}
         self._since_ms: dict[RobotName, tuple[bool, int]] = {}  # is it late, and since when
         self._pushed: dict[RobotName, tuple[RobotName, int]] = {}  # by whom, and when
         self.refused: dict[RobotName, int] = {}
         self.pushes = 0
         self.plannings: dict[str, int] = {}  # by what made them due
-        self._looked: tuple[int, dict[RobotName, Wait]] = (-1, {})
+        self._looked: tuple[int, dict[RobotName, Wait]] = (-LOOK_MS, {})
 
     def planned(self, due: Due) -> None:
         """Count a planning."""
@@ -92,21 +93,25 @@ class Waits:
         """
         self.refused = {}
         left: dict[int, Outcome] = {}
+        vacated = 0  # bits of them
         for outcome in outcomes:
-            for place in [place for place in left if outcome.need >> place & 1]:
-                gone = left.pop(place)
+            while hit := outcome.need & vacated:
+                low = hit & -hit
+                vacated ^= low
+                gone = left[low.bit_length() - 1]
                 if gone.robot != outcome.robot and _strayed(tracks[gone.robot], gone):
                     self._pushed[gone.robot] = outcome.robot, now_ms
                     self.pushes += 1
             if outcome.committed:
                 self._pushed.pop(outcome.robot, None)
                 left[outcome.place] = outcome
+                vacated |= 1 << outcome.place
             else:
                 self.refused[outcome.robot] = outcome.need
 
     def look(self, floor: Floor, now_ms: int) -> dict[RobotName, Wait]:
-        """Say who waits now. Called a few times a second, and no more often than it is shown."""
-        if self._looked[0] != now_ms:
+        """Say who waits now, or did a moment ago: no more often than it is shown."""
+        if not 0 <= now_ms - self._looked[0] < LOOK_MS:
             self._looked = now_ms, self._look(floor, now_ms)
         return self._looked[1]
 
@@ -144,13 +149,10 @@ class Waits:
 
     def _moves(self, name: RobotName, track: Track) -> bool:
         before = self._seen.get(name)
-        report = track.report
-        self._seen[name] = track.progress, report
-        if report is None or track.lost:
+        self._seen[name] = track.progress
+        if track.report is None or track.lost:
             return False
-        if abs(report.speed_mps) >= 0.01 or abs(report.turn_radps) >= 0.01:
-            return True
-        return before is not None and before[0] != track.progress
+        return not track.standing or (before is not None and before != track.progress)
 
     def _name(self, place: int | None) -> PointName | None:
         if place is None:
@@ -216,7 +218,7 @@ class Waits:
         self, track: Track, place: int, aim: int, floor: Floor, at: Mapping[int, RobotName]
     ) -> _Why | None:
         """What kept the planner from the best move of a robot."""
-        ways = track.costs.ways(place, track.heading_rad, aim)
+        ways = track.costs.candidates(place, track.heading_rad, aim)
         if not ways:
             return WaitReason.NO_WAY, (), self._name(aim)
         move = min(ways)[1]

@@ -1,11 +1,17 @@
 import msgspec
+import pytest
 from prometheus_client import CollectorRegistry, generate_latest
 
+from fleetledger.shift import Shift
 from fleetledger.traffic_figures import STALE_MS, TrafficFigures
 from ledger.bus import MemoryBus, counts_key
+from ledger.events import RobotsWaited
 from ledger.ids import RobotKey, RobotName, SceneId, robot_key
 from ledger.link import Plan
 from ledger.waits import Counts, Wait, WaitReason
+from sim.faults import FaultMix
+from sim.warehouses import for_robots
+from tests.laws.onlooker import bins_of, load, unload
 
 SCENE = SceneId("0123456789abcdef01234567")
 
@@ -60,3 +66,34 @@ def test_what_the_scheduler_counts_is_told_as_counters():
 def test_what_the_guard_saw_is_counted():
     lines = figures({}, MemoryBus())
     assert f'fleetledger_traffic_breaches_total{{scene="{SCENE}"}} 2.0' in lines
+
+
+def test_what_robots_wait_for_goes_from_traffic_to_the_ledger(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Through scheduler, bus and core, on virtual time; each part has its own tests."""
+    monkeypatch.setattr("scheduler.tally.STRETCH_MS", 60_000)
+    file = for_robots(6, seed=3)
+    bus = MemoryBus()
+    faults = FaultMix(late_ratio=0.4, late_mean_s=8.0)
+    shift = Shift(file, seed=3, bus=bus, faults=faults)
+    shown: list[Plan] = []
+    bus.subscribe(
+        "scenes/*/plans", lambda _, raw: shown.extend(msgspec.json.decode(raw, type=list[Plan]))
+    )
+    figures = TrafficFigures({}, lambda: shift.now_ms)
+    figures.hear(bus)
+    bin_ = bins_of(file)[0]
+    for _ in range(6):  # all to one place
+        shift.order(load(bin_), unload(bin_))
+    shift.run(62)
+    noted = [event for event in shift.ledger.read(0) if isinstance(event, RobotsWaited)]
+    assert len(noted) == 1
+    told = {(p.robot, p.wait.reason, p.wait.blockers) for p in shown if p.wait is not None}
+    summed = {(wait.robot, wait.reason, wait.blockers) for wait in noted[0].waits}
+    assert summed
+    assert summed <= told
+    assert noted[0].plannings["Goals"] > 0
+    assert all(0 < w.longest_ms <= w.total_ms <= 60_000 for w in noted[0].waits)
+    counted = {metric.name: metric for metric in figures.collect()}
+    assert counted["fleetledger_traffic_plannings"].samples

@@ -18,7 +18,7 @@ from tests.scheduler.traffic.maps import area_of, both, lattice, spread, warehou
 
 GROUPS = (Group(id=0, name="g"),)
 R0, R1, R2 = RobotName("R0"), RobotName("R1"), RobotName("R2")
-LOOK_MS = 200  # as often as the scheduler looks
+LOOK_MS = 400  # as often as traffic looks
 
 
 def floor(area: Area, starts: Mapping[str, tuple[str, float]], **given: object) -> Floor:
@@ -50,7 +50,7 @@ def test_who_drives_waits_for_nobody():
     made = floor(lattice(6, 1), {"R0": ("P0-0", 0.0)})
     send(made, R0, "P5-0")
     while not made.traffic.stands_at(R0, PointName("P5-0")):
-        assert looked(made, 0.2) == {}
+        assert looked(made, 0.4) == {}
     assert looked(made, 5) == {}, "and nobody waits who is where it is to be"
 
 
@@ -167,7 +167,7 @@ def test_a_pushed_robot_makes_way_for_who_pushed_it():
     send(made, R0, "P2-0")
     seen = Counter[tuple[WaitReason, tuple[str, ...]]]()
     while not made.traffic.stands_at(R0, PointName("P2-0")):
-        found = looked(made, 0.2)
+        found = looked(made, 0.4)
         if R1 in found:
             seen[why(found, R1)] += 1
     assert set(seen) == {(WaitReason.PUSHED, (R0,))}
@@ -199,7 +199,7 @@ def test_what_makes_planning_due_is_counted():
     assert made.traffic.plannings["Ground"] == 1
 
 
-UNTOLD_MS = 3_600  # a grant that it does not follow is told of last
+UNTOLD_MS = 4_200  # a grant that it does not follow is told of last
 
 
 @settings(max_examples=12, deadline=None)
@@ -210,8 +210,8 @@ def test_nobody_stands_without_a_reason_and_reasons_name_others(seed: int, kind:
     made = Floor(area, GROUPS, spread(area, names, 8), names, seed=seed, late=0.15, service_s=4.0)
     stood_ms = dict.fromkeys(made.robots, made.now_ms)
     seen = {name: (robot.x, robot.y, robot.heading) for name, robot in made.robots.items()}
-    for _ in range(300):
-        found = looked(made, 0.2)
+    for _ in range(150):
+        found = looked(made, 0.4)
         for name, robot in made.robots.items():
             here = robot.x, robot.y, robot.heading
             wants = name in made.goals and name not in made.busy
