@@ -8,7 +8,8 @@ import msgspec
 
 from bench.grid_floor import STEP_S, Grid
 from scheduler.traffic.costs import Costs
-from scheduler.traffic.pibt import Agent, World, propose
+from scheduler.traffic.pibt import propose
+from scheduler.traffic.world import Agent, World
 
 QUEUE_STEPS = 8.0  # each robot on its way to a station counts like this much more way to it
 

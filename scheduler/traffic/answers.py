@@ -1,11 +1,15 @@
 """The questions that dispatch asks of traffic (`scheduler.roads.Roads`): they change nothing."""
 
+from collections.abc import Mapping
+
 from ledger.ids import PointName, RobotName
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.execution import Execution
+from scheduler.traffic.ladder import Ladder, Stuck
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import Track
+from scheduler.traffic.waits import Waits
 
 HEADING_OK_RAD = 0.1  # a heading demanded on arrival counts as met within this
 
@@ -16,6 +20,8 @@ class Answers:
     roadmap: Roadmap
     _execution: Execution
     _reserved: Claims
+    _ladder: Ladder
+    _waits: Waits
 
     @property
     def _tracks(self) -> dict[RobotName, Track]:
@@ -78,3 +84,22 @@ class Answers:
     def breaches_so_far(self) -> int:
         """How often the guard has found what must not be."""
         return self._execution.guard.count
+
+    def stuck(self, now_ms: int) -> Mapping[RobotName, Stuck]:
+        """Robots that a person has to help, and what is in their way."""
+        return self._ladder.stuck(self._tracks, now_ms)
+
+    @property
+    def ladder(self) -> Mapping[str, int]:
+        """How often a way was searched and found for who was stuck, and a person told."""
+        return self._ladder.counted.words()
+
+    @property
+    def pushes(self) -> int:
+        """How many robots have been sent out of the way of others."""
+        return self._waits.pushes
+
+    @property
+    def plannings(self) -> Mapping[str, int]:
+        """How often it was planned, by what made it due."""
+        return self._waits.plannings

@@ -10,9 +10,9 @@ from typing import TypeAlias
 
 import msgspec
 
-from scheduler.traffic.pibt import World
 from scheduler.traffic.pockets import DEEPER_M
 from scheduler.traffic.timetable import Kind, Timetable
+from scheduler.traffic.world import World
 
 EVER = float("inf")
 # Nobody knows when work at a goal ends: for so long others plan around it. (Measured: 0 and 10 s

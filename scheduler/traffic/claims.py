@@ -20,11 +20,11 @@ from scheduler.traffic.closures import Closure, Closures, lay_over, together
 from scheduler.traffic.costs import INFINITE, WAYS_MAX, Costs
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.grants import Grants
-from scheduler.traffic.pibt import World
 from scheduler.traffic.placing import Entry
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import ENTRY, Builder
 from scheduler.traffic.track import Track
+from scheduler.traffic.world import World
 
 CLOSURES_MAX = 64  # kept: one for all strangers, and one for each robot that owns or leaves ground
 NEAR_MAX = 8  # stops looked at for a robot that has to leave

@@ -10,9 +10,9 @@ import msgspec
 
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.moves import Moves
-from scheduler.traffic.pibt import World
 from scheduler.traffic.pockets import find
 from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.world import World
 
 
 class Closure(msgspec.Struct, frozen=True, kw_only=True, eq=False):

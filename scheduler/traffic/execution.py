@@ -11,12 +11,12 @@ from scheduler.traffic.admission import Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Guard
-from scheduler.traffic.pibt import World, room, turning_room
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import Builder, Leg
 from scheduler.traffic.safe import Safe
 from scheduler.traffic.track import Shut, Track
 from scheduler.traffic.waits import Outcome
+from scheduler.traffic.world import World, room, turning_room
 
 
 class Execution:

@@ -19,7 +19,7 @@ import msgspec
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.moves import heading_bin
-from scheduler.traffic.pibt import World, may_be_pushed, room, turning_room
+from scheduler.traffic.world import World, may_be_pushed, room, turning_room
 
 # Price in seconds of the way that is left, for each constraint that a configuration has had: small
 # values look long around the nearest one, large ones at everything alike.

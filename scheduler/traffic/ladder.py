@@ -16,11 +16,11 @@ from ledger.link import Mark
 from ledger.scene import Value
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.lacam import Search, Way
-from scheduler.traffic.pibt import Agent, World
 from scheduler.traffic.planner import Planner, Proposal
 from scheduler.traffic.rescue import Rescue
 from scheduler.traffic.stalls import STALL_MS, Stalls
 from scheduler.traffic.track import Track
+from scheduler.traffic.world import Agent, World
 
 # Robots that may be moved for one, and successors looked at with so many: 13 µs each in plain
 # Python (measured), so all three together take no longer than a quarter of a second.
@@ -29,7 +29,7 @@ SEARCH_MS = 1_000  # between two searches, however many are stuck
 LOOKED_AT_MAX = 8  # of those that are stuck, the first in rank, at one time
 # Who is not the first in rank around it waits for those that are: on a busy floor that is common,
 # and a way out for everybody who has waited for 30 s cost a quarter of the throughput (measured).
-OTHERS_MS = 100_000
+OTHERS_MS = 120_000
 RETRY_MS = 10_000  # and between two for the same robot
 WAY_MAX = 12  # moves of the stuck robot from which its region grows
 NEARER_S = 3.0  # of driving, that a way has to gain: a move or two

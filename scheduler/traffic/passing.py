@@ -8,9 +8,9 @@ dropped at any moment.
 import msgspec
 
 from scheduler.traffic.bookings import Step
-from scheduler.traffic.pibt import World, has_token, room
 from scheduler.traffic.planner import Proposal
 from scheduler.traffic.windows import Planning, Window
+from scheduler.traffic.world import World, has_token, room
 
 LATE_S = 2.0  # a move may be committed so much later than planned before the plan is dropped
 

@@ -5,16 +5,11 @@ is pushed, recursively, and must end where no robot that pushes needs room. A pu
 `World`; what it proposes is committed elsewhere, against the grants of that moment.
 """
 
-from collections.abc import Mapping
 from typing import TypeAlias
 
-import msgspec
-
-from scheduler.traffic.ahead import Ahead
-from scheduler.traffic.costs import INFINITE, Costs, Way, places_in
+from scheduler.traffic.costs import INFINITE, Way, places_in
 from scheduler.traffic.geometry import turn_rad
-from scheduler.traffic.pockets import DEEPER_M
-from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.world import Agent, World, has_token, may_be_pushed, turning_room
 
 OCCUPIED_S = 0.5  # added to a move whose end is taken just now
 STAY_S = 4.0  # staying costs this much more than the best move: little enough to try a detour
@@ -33,39 +28,6 @@ FREE, TAKEN = -1, -2  # of a place, instead of the robot there
 STAY, TURN = -1, -2  # instead of a move; a turn in place at the goal
 # Value, the lowest first; what to do; where it ends; the other places that must be empty.
 Option: TypeAlias = tuple[float, int, int, tuple[int, ...]]
-
-
-class Agent(msgspec.Struct, kw_only=True):
-    """One robot as the planner sees it: where its committed moves end, and what it wants."""
-
-    name: str
-    place: int
-    heading_rad: float
-    costs: Costs
-    goal: int | None = None
-    fixed: bool = False  # working, lost, or rolling to its goal: neither moves nor is pushed
-    impatience_s: float = 0.0
-    leaving: bool = False  # ground that somebody waits for: all around it may be dead ends
-
-
-class World(msgspec.Struct, kw_only=True):
-    """A snapshot to plan on. `agents` come in the order of rank; each place has one at most."""
-
-    roadmap: Roadmap
-    agents: list[Agent]
-    closed_moves: frozenset[int] = frozenset()  # they lead over ground that will not become free
-    closed_turns: frozenset[int] = frozenset()  # points where for that reason nobody can turn
-    closed_places: int = 0  # bits
-    # Bodies that stand otherwise than the map foresees: what else must be empty, by move and by
-    # point of a turn.
-    more_need: dict[int, int] = {}
-    more_turning: dict[int, int] = {}
-    # How far who is pushed may drive, and has to (linkMinDistance, linkMaxDistance).
-    push_m_min: float = 0.0
-    push_m_max: float = INFINITE
-    # For planners that look ahead: the moment, and what is under way by robot.
-    now_ms: int = 0
-    ahead: Mapping[str, Ahead] = {}
 
 
 class _Planner:
@@ -352,53 +314,6 @@ class _Planner:
             value += IDLE_POCKET_S if pocket[end] >= 0 and pocket[agent.place] < 0 else 0.0
             found.append((value, move, end, needs))
         return found
-
-
-def room(
-    world: World, place: int, heading_rad: float, moves: tuple[int, ...], goal: int | None
-) -> int:
-    """Bits of the places that must be empty for an operation, turns before and after included."""
-    roadmap = world.roadmap
-    bits = 0
-    for move in moves:
-        if turn_rad(heading_rad, roadmap.heading_start[move]):
-            bits |= turning_room(world, place)
-        bits |= roadmap.moves.need[move] | world.more_need.get(move, 0)
-        place, heading_rad = roadmap.moves.end[move], roadmap.heading_end[move]
-    if place == goal and roadmap.final_turn_rad(place, heading_rad):
-        bits |= turning_room(world, place)
-    return bits
-
-
-def may_be_pushed(world: World, moves: tuple[int, ...]) -> bool:
-    """Is an operation of a robot that makes way neither shorter nor longer than such may be."""
-    if world.push_m_min <= 0.0 and world.push_m_max == INFINITE:
-        return True
-    roadmap = world.roadmap
-    paths = (path for move in moves for path in roadmap.moves.paths[move])
-    length_m = sum(roadmap.net.traces.length_m[path] for path in paths)
-    return world.push_m_min <= length_m <= world.push_m_max
-
-
-def turning_room(world: World, place: int) -> int:
-    """Bits of the places that must be empty for a turn in place."""
-    places = world.roadmap.places
-    return places.turning[place] | world.more_turning.get(places.point[place], 0)
-
-
-def has_token(roadmap: Roadmap, pocket: int, goal: int | None, goals_inside: list[int]) -> bool:
-    """May a robot with this goal enter the pocket while robots with those goals are in it; a robot
-    without one counts as having it where it is.
-    """
-    pockets = roadmap.pockets
-    if not goals_inside:
-        return True
-    if goal is None or pockets.pocket[goal] != pocket:
-        return False
-    least = pockets.depth_m[goal] + DEEPER_M
-    return all(
-        pockets.pocket[other] == pocket and pockets.depth_m[other] > least for other in goals_inside
-    )
 
 
 def propose(world: World) -> list[tuple[str, tuple[int, ...]]]:

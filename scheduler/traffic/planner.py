@@ -7,7 +7,7 @@ planners differ in how fast robots get on, never in who may be where.
 from typing import Protocol, TypeAlias
 
 from scheduler.traffic import pibt
-from scheduler.traffic.pibt import World
+from scheduler.traffic.world import World
 
 # Robots and their next moves, in an order in which they could be driven one at a time.
 Proposal: TypeAlias = list[tuple[str, tuple[int, ...]]]

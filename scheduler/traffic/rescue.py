@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable
 import msgspec
 
 from scheduler.traffic.lacam import Way
-from scheduler.traffic.pibt import Agent, World, room
+from scheduler.traffic.world import Agent, World, room
 
 # A way on which nothing has been committed for so long is given up: somebody on it works, or
 # stands still for another reason, and the floor around it has changed.

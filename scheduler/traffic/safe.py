@@ -10,7 +10,7 @@ next rung's of the liveness ladder.
 from collections.abc import Collection, Mapping
 from typing import TypeAlias
 
-from scheduler.traffic.pibt import Agent, World, room
+from scheduler.traffic.world import Agent, World, room
 
 ROBOTS_MAX = 64  # followed from one move; a longer chain counts as safe
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from scheduler.traffic.bookings import DWELL_S, EVER, Bookings, Route, Step
 from scheduler.traffic.costs import INFINITE, Way, places_in
 from scheduler.traffic.geometry import turn_rad
-from scheduler.traffic.pibt import World, turning_room
+from scheduler.traffic.world import World, turning_room
 
 NEXT_S = 0.01  # who comes after somebody departs so much later: the order is that of departures
 EXPANDED_MAX = 400  # states of one search; half the searches on a full lattice take under 20

@@ -22,9 +22,8 @@ from scheduler.traffic.doors import DoorNow, Doors
 from scheduler.traffic.execution import Execution
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Breach
-from scheduler.traffic.ladder import Ladder, Stuck
+from scheduler.traffic.ladder import Ladder
 from scheduler.traffic.methods import planner_of
-from scheduler.traffic.pibt import World
 from scheduler.traffic.planner import Distributed, Planner
 from scheduler.traffic.safe import Safe
 from scheduler.traffic.shown import Shown
@@ -32,6 +31,7 @@ from scheduler.traffic.track import Track
 from scheduler.traffic.venus import Think, at_once
 from scheduler.traffic.waits import Due, Floor, Wait, Waits
 from scheduler.traffic.wishes import agents, relocate
+from scheduler.traffic.world import World
 
 ASK_MS = 1_000  # a question for the route is repeated after this time
 REPLAN_MS = 500  # while somebody waits; else planning follows events
@@ -378,25 +378,6 @@ class Traffic(Answers):
             )
             for track in self._tracks.values()
         ]
-
-    def stuck(self, now_ms: int) -> Mapping[RobotName, Stuck]:
-        """Robots that a person has to help, and what is in their way."""
-        return self._ladder.stuck(self._tracks, now_ms)
-
-    @property
-    def ladder(self) -> Mapping[str, int]:
-        """How often a way was searched and found for who was stuck, and a person told."""
-        return self._ladder.counted.words()
-
-    @property
-    def pushes(self) -> int:
-        """How many robots have been sent out of the way of others."""
-        return self._waits.pushes
-
-    @property
-    def plannings(self) -> Mapping[str, int]:
-        """How often it was planned, by what made it due."""
-        return self._waits.plannings
 
     def waits(self, now_ms: int) -> Mapping[RobotName, Wait]:
         """Who waits just now, for whom and why."""

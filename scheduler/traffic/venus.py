@@ -14,10 +14,10 @@ from scheduler.traffic import pibt
 from scheduler.traffic.cbs import Search
 from scheduler.traffic.costs import Costs
 from scheduler.traffic.passing import Passing, passing
-from scheduler.traffic.pibt import World
 from scheduler.traffic.planner import Proposal
 from scheduler.traffic.timetable import Timetable
 from scheduler.traffic.windows import Planning
+from scheduler.traffic.world import World
 
 PLAN_MS_MIN = 500  # from one search to the next
 PLAN_MS_MAX = 2_000  # a plan is not followed for longer

@@ -11,9 +11,9 @@ import msgspec
 
 from scheduler.traffic.ahead import Ahead
 from scheduler.traffic.bookings import DWELL_S, EVER, Bookings, Route
-from scheduler.traffic.pibt import World
 from scheduler.traffic.sipp import Sipp
 from scheduler.traffic.timetable import Timetable
+from scheduler.traffic.world import World
 
 WINDOW_S = 30.0
 TAKEN_BACK_MAX = 4  # times that one robot's route gives way to that of another

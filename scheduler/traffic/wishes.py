@@ -12,10 +12,10 @@ from typing import TypeAlias
 
 from ledger.ids import RobotName
 from scheduler.traffic.costs import INFINITE
-from scheduler.traffic.pibt import Agent, has_token
 from scheduler.traffic.pockets import DEEPER_M
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import Track
+from scheduler.traffic.world import Agent, has_token
 
 Rank: TypeAlias = tuple[int, int, str]
 

@@ -6,8 +6,8 @@ from ledger.ids import PointName
 from ledger.scene import Area, Group, Path, Point
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import Costs
-from scheduler.traffic.pibt import Agent, World
 from scheduler.traffic.roadmap import Roadmap
+from scheduler.traffic.world import Agent, World
 from tests.scheduler.traffic.maps import area_of, both, lattice, warehouse
 
 GROUPS = (Group(id=0, name="g"),)

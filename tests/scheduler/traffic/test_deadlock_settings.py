@@ -9,7 +9,8 @@ from ledger.ids import PointName, RobotName
 from ledger.scene import Group
 from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
-from scheduler.traffic.pibt import may_be_pushed, propose
+from scheduler.traffic.pibt import propose
+from scheduler.traffic.world import may_be_pushed
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.stuck import RING, drawn, roads, world_on
 from tests.scheduler.traffic.test_safe import GOALS, STANDS, TRAP

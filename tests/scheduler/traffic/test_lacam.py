@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.lacam import Search
-from scheduler.traffic.pibt import World, room
+from scheduler.traffic.world import World, room
 from tests.scheduler.traffic.stuck import AREAS, MAPS, crowded, random_world, world_of
 
 RING, LOOP, CROSS = 1, 2, 3

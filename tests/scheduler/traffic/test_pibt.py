@@ -7,7 +7,8 @@ from ledger.ids import PointName
 from ledger.scene import Group
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import Costs
-from scheduler.traffic.pibt import Agent, World, has_token, propose, room
+from scheduler.traffic.pibt import propose
+from scheduler.traffic.world import Agent, World, has_token, room
 from tests.scheduler.traffic.maps import lattice, warehouse
 
 GROUPS = [Group(id=0, name="g")]
@@ -35,7 +36,16 @@ def worlds(draw):
         )
         for k, place in enumerate(places)
     ]
-    return World(roadmap=roadmap, agents=agents)
+    world = World(roadmap=roadmap, agents=agents)
+    if draw(st.booleans()):  # as if ground were reserved, and bodies stood where none is foreseen
+        stops, moves = range(roadmap.places.stops), range(roadmap.moves.count)
+        world.closed_moves = frozenset(chance.sample(moves, 3))
+        world.closed_turns = frozenset(chance.sample(roadmap.places.point, 2))
+        world.closed_places = 1 << chance.choice(stops) | 1 << chance.choice(places)
+        world.more_need = {chance.choice(moves): 1 << chance.choice(places) for _ in range(9)}
+        points = roadmap.places.point
+        world.more_turning = {chance.choice(points): 1 << chance.choice(places) for _ in range(9)}
+    return world
 
 
 @given(worlds())
@@ -51,7 +61,9 @@ def test_what_is_proposed_can_be_driven_one_after_another(world):
         need = room(world, agent.place, agent.heading_rad, moves, agent.goal)
         others = sum(1 << place for other, place in position.items() if other != name)
         assert not need & others
+        assert not need & world.closed_places & ~(1 << agent.place)
         for move in moves:
+            assert move not in world.closed_moves
             assert world.roadmap.moves.start[move] == position[name]
             position[name] = world.roadmap.moves.end[move]
 

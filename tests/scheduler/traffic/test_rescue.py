@@ -3,8 +3,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from scheduler.traffic.lacam import Search
-from scheduler.traffic.pibt import World, propose, room
+from scheduler.traffic.pibt import propose
 from scheduler.traffic.rescue import IDLE_MS_MAX, Rescue
+from scheduler.traffic.world import World, room
 from tests.scheduler.traffic.stuck import AREAS, random_world, world_of
 
 ALL = {f"R{k}" for k in range(9)} | {"A", "B"}

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ledger.ids import PointName, RobotName
-from ledger.scene import Group, Kinematics
+from ledger.scene import Group, Kinematics, PointKind
 from ledger.scene_config import SceneConfig, TrafficMethod
 from scheduler.goal import Goal
 from scheduler.traffic import pibt
 from scheduler.traffic.ahead import Ahead
-from scheduler.traffic.pibt import room
 from scheduler.traffic.venus import Settings, Venus
+from scheduler.traffic.world import room
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import lattice, spread, warehouse
 from tests.scheduler.traffic.test_pibt import worlds
@@ -180,3 +180,26 @@ def test_two_robots_swap_their_places_in_a_corridor_with_a_bay(turned):
     send(made, "R1" if turned else "R0", "P4-0" if not turned else "P0-0")
     send(made, "R0" if turned else "R1", "P0-0" if not turned else "P4-0")
     assert all_arrive(made, 60)
+
+
+def aisles(seed, robots=5):
+    area = warehouse(4, 8, 4, blind=(1,))
+    ends = [point.name for point in area.points if point.kind is not PointKind.WAYPOINT]
+    return floor(area, spread(area, ends, robots), ends, seed=seed, late=0.1)
+
+
+def test_aisles_and_dead_ends_keep_going():
+    made = aisles(seed=2)
+    made.run(120)
+    assert min(made.done.values()) >= 1
+    assert made.traffic._planner.counted.plans > 0
+
+
+def stage(seed):
+    """For the soak: aisles with dead ends, and a switch of planners now and then."""
+    made = aisles(seed, robots=8)
+    for k in range(6):
+        method = TrafficMethod.DISTRIBUTED if k % 3 == 2 else TrafficMethod.VENUS
+        made.traffic.tune(SceneConfig(traffic_method=method))
+        made.run(120)
+    assert min(made.done.values()) >= 1
