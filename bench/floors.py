@@ -29,6 +29,7 @@ GRANTS_S = 30.0  # and that each is on ground of its own
 UNSERVED_S_MAX = 120
 AISLES, AISLE_M, PITCH_M, BLIND = 12, 20, 2.5, (2, 6, 10)
 STUBS, STUB_M = 11, 2.5
+LANE_GAP_M = 2.0
 LANE_MAX = 2  # orders at a time into one aisle (traffic §11 rule 10)
 
 Row = dict[str, float | str]
@@ -70,12 +71,14 @@ def lattice(side: int, pitch_m: float, spacing_m: float) -> Area:
     return _area(list(points.values()), paths, [])
 
 
-def aisles(one_way: bool) -> Area:
-    """Two-way single-lane aisles with a bin each metre between two cross lanes, points each half
-    metre, parking stubs off the lower lane opposite the aisles; three aisles are dead ends.
+def aisles(lanes: str) -> Area:
+    """Two-way single-lane aisles with a bin each metre between cross lanes, points each half
+    metre, parking stubs below them; three aisles are dead ends.
 
-    One-way cross lanes, east below and west above, are what the prototype's map must have had: it
-    counted 663 points and 1,240 paths, fewer than two for each link.
+    What the prototype's cross lanes were is not recorded. Its 663 points and 1,240 paths, fewer
+    than two for each link, speak for one-way lanes, its free flow for two-way ones. `lanes`:
+    "paired" (two-way, tied together at every aisle, as warehouses are built and `sim` generates
+    them), "one-way" (a ring: east below, west above), or "single" (one two-way lane).
     """
     points: dict[PointName, Point] = {}
     paths: list[Path] = []
@@ -98,18 +101,20 @@ def aisles(one_way: bool) -> Area:
         points[name] = msgspec.structs.replace(points[name], kind=kind)
         return name
 
+    gap = LANE_GAP_M if lanes == "paired" else 0.0
     for k in range(AISLES):
         x = k * PITCH_M
-        line((x, 0.0), 0, 1, AISLE_M - (2 if k in BLIND else 0))
+        line((x, -gap), 0, 1, AISLE_M + gap + (-2 if k in BLIND else gap))
         for y in range(2, AISLE_M - 1):
             name = mark(x, float(y), PointKind.ACTION)
             bins.append(Bin(name=BinName(name), point=name))
     last = (AISLES - 1) * PITCH_M
-    line((0.0, 0.0), 1, 0, last, both=not one_way)
-    line((last, float(AISLE_M)), -1, 0, last, both=not one_way)
+    for y in sorted({0.0, -gap, AISLE_M, AISLE_M + gap}):
+        start = (last, y) if y >= AISLE_M else (0.0, y)
+        line(start, -1 if y >= AISLE_M else 1, 0, last, both=lanes != "one-way")
     for k in range(STUBS):
-        line((k * PITCH_M, 0.0), 0, -1, STUB_M)
-        mark(k * PITCH_M, -STUB_M, PointKind.PARKING)
+        line((k * PITCH_M, -gap), 0, -1, STUB_M)
+        mark(k * PITCH_M, -gap - STUB_M, PointKind.PARKING)
     return _area(list(points.values()), paths, bins)
 
 
@@ -167,16 +172,16 @@ def _instances() -> list[Instance]:
     ]
     found += [
         Instance(
-            name=f"aisles, three dead ends, {'one' if one_way else 'two'}-way cross lanes",
+            name=f"aisles, three dead ends, {lanes} cross lanes",
             robots=robots,
-            area=partial(aisles, one_way),
+            area=partial(aisles, lanes),
             starts=_ends,
             goals=_ends,
             lanes=_lanes,
             service_s=10.0,
-            share=share if one_way else 0.0,
+            share=share if lanes == "paired" else 0.0,
         )
-        for one_way in (True, False)
+        for lanes in ("paired", "one-way", "single")
         for robots, share in ((10, 0.82), (20, 0.72), (30, 0.69))
     ]
     return found
