@@ -59,7 +59,9 @@ class Admission:
         there = report.authority
         at = report.progress
         near = at.piece == there.piece and at.along_m >= there.along_m - ARRIVED_M
-        heard = report.session == track.session and there >= track.sent_authority
+        heard = there >= track.sent_authority
+        if report.session != track.session:  # it has forgotten the route, or not heard of it yet
+            heard = track.confirmed or report.session != track.session_before
         if near and track.standing and (heard or track.sent_authority == START):
             track.let_go(self.grants)
             self.put(track, report, taken, keep_session=False)

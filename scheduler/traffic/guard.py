@@ -24,6 +24,7 @@ from scheduler.traffic.track import Track
 
 LOOK_MS = 300  # between two looks: a third of a metre at full speed
 CLEAR_MS = 1_000  # who was in a breach is let go when it has been over for so long
+OFF_M_MIN = 0.1  # whatever the scene says: poses are not better than that
 OFF_M = 0.3  # unless the scene says another path_distance_m
 
 
@@ -188,7 +189,7 @@ class Guard:
             if ground.buffer(OUTSIDE_M).covers(body):
                 continue
             self.strays.add(track.name)
-            if not ground.buffer(self.off_m).covers(body):
+            if not ground.buffer(max(self.off_m, OFF_M_MIN)).covers(body):
                 yield _breach(BreachKind.OFF, (track.name,), body)
 
     def _ground(self, cell: int) -> shapely.Polygon:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapely import affinity
 
 from ledger.ids import PointName, RobotName
-from ledger.link import Load
+from ledger.link import Load, Mark
 from ledger.scene import Group, Point
 from ledger.state import BinStatus, Robot, RobotBin
 from scheduler.traffic.admission import LOAD_CHANGED
@@ -186,6 +186,21 @@ def test_what_was_committed_for_an_empty_robot_is_not_driven_on_with_a_load():
     assert robot.x == pytest.approx(2.0 * authority.piece), "it was placed anew on its way"
     until(made, "R0", "P8-0")
     assert made.traffic.has_room(R0)
+
+
+def test_a_robot_that_starts_anew_with_a_load_on_its_way_is_placed_where_it_stands():
+    made = floor(lattice(9, 1), {"R0": ("P0-0", 0.0)}, groups=FORKS)
+    send(made, "R0", "P8-0")
+    while made.robots[R0].x < 3.0:
+        made.tick()
+    made.traffic.load(R0, loaded=True)
+    robot = made.robots[R0]
+    robot.session, robot.pieces, robot.speed = "anew", {}, 0.0
+    robot.progress = robot.authority = Mark()
+    for _ in range(20):
+        made.tick()
+    assert made.traffic.trouble(R0) != LOAD_CHANGED
+    until(made, "R0", "P8-0")
 
 
 def test_a_load_that_comes_off_on_the_way_stops_nobody():
