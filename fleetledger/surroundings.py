@@ -36,6 +36,15 @@ class Stranger(Value, frozen=True, kw_only=True):
         """From where it appears to where it is gone."""
         return math.dist(self.start, self.end)
 
+    @property
+    def gone(self) -> bool:
+        """It has crossed."""
+        return self.way_m >= self.length_m
+
+    def further(self, dt_s: float) -> "Stranger":
+        """The same a little later."""
+        return Stranger(start=self.start, end=self.end, way_m=self.way_m + STRANGER_MPS * dt_s)
+
     def corners(self) -> tuple[XY, ...]:
         """Where its body is."""
         return self._box(self.way_m, self.way_m, 0.0)
@@ -84,15 +93,11 @@ class Surroundings:
     def step(self) -> None:
         """Let it go on, end and begin."""
         now_ms = self._shift.now_ms
-        way_m = STRANGER_MPS * self._shift.step_ms / 1000
         claims = self._shift.fleet.claims
         for id_, stranger in self.strangers.items():
             if id_ in claims and claims[id_].granted:
-                further = Stranger(
-                    start=stranger.start, end=stranger.end, way_m=stranger.way_m + way_m
-                )
-                self.strangers[id_] = further
-                if further.way_m >= further.length_m:
+                self.strangers[id_] = stranger.further(self._shift.step_ms / 1000)
+                if self.strangers[id_].gone:
                     self._ends_ms[id_] = now_ms
         for id_ in [id_ for id_, end_ms in self._ends_ms.items() if now_ms >= end_ms]:
             self._release(id_)

@@ -26,7 +26,7 @@ from scheduler.traffic.judge import body, collisions
 from sim.faults import MIXES, FaultMix
 from sim.robot import SimRobot, place
 from sim.warehouses import for_robots
-from tests.laws.yard import STALL_MS, explained, near_others
+from tests.laws.yard import MOVING_MS, STALL_MS, explained, near_others
 
 ROOT = Path(__file__).parent.parent
 KEPT = ROOT / "data" / "soak-traffic.jsonl"
@@ -105,24 +105,30 @@ class Piece:
         assert on <= self._by_people, (on, [unit.id for unit in claims], self.shift.now_ms)
         self._by_people &= on | {n for n in robots if self._struck(n, troubles, "hand jump")}
 
-    def _struck(self, name: RobotName, troubles: dict[str, str], kinds: str) -> bool:  # type: ignore[type-arg]
+    def _struck(self, name: RobotName, troubles: dict[str, str], kinds: str) -> bool:
         trouble = troubles.get(robot_key(self.shift.scene, name))
         return trouble is not None and trouble in kinds
 
     def _nobody_stalls(self, robots: dict[RobotName, SimRobot]) -> None:
         plans: dict[RobotName, Plan] = self.shift.role.scheduler._sites[self.shift.scene].plans
-        waits = {n: plan.wait for n, plan in plans.items() if plan.wait is not None}
-        named = explained(waits)
-        online = {r.name for r in self.shift.fleet.robots.values() if r.online}
-        for name, robot in robots.items():
+        now_ms = self.shift.now_ms
+        troubles = self.shift.world.troubles
+        gone = {r.name for r in self.shift.fleet.robots.values() if not r.online}
+        causes = {
+            name
+            for name, robot in robots.items()
+            if robot_key(self.shift.scene, name) in troubles
+            or robot.held_s > 0.0
+            or now_ms - self._moved_ms.get(name, now_ms) < MOVING_MS
+        }
+        named = explained(plans, causes | gone)
+        for name in robots:
             plan = plans.get(name)
-            wants = plan is not None and (plan.target is not None or plan.moving)
-            struck = robot_key(self.shift.scene, name) in self.shift.world.troubles
-            if not wants or struck or name in named or robot.held_s > 0.0 or name not in online:
+            if plan is None or name in named or not (plan.target is not None or plan.moving):
                 continue
-            still_ms = self.shift.now_ms - self._moved_ms.get(name, self.shift.now_ms)
+            still_ms = now_ms - self._moved_ms.get(name, now_ms)
             if still_ms > self.stalled_ms:
-                self.stalled_ms, self.stalled = still_ms, (name, plan, waits.get(name))
+                self.stalled_ms, self.stalled = still_ms, (name, plan)
         assert self.stalled_ms < STALL_MS, self.stalled
 
 

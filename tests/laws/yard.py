@@ -8,15 +8,17 @@ import math
 import random
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import shapely
 
-from ledger.ids import PointName, RobotName, SceneId, robot_key
+from fleetledger.surroundings import Stranger
+from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import DISPATCHER, Plan, Report
 from ledger.scene import XY, Area, Group, RobotConfig, Scene
-from ledger.waits import Wait, WaitReason, chains
+from ledger.scene_config import SceneConfig
+from ledger.waits import WaitReason
 from scheduler.goal import Goal
 from scheduler.traffic.judge import body, collisions, double_grants, outside
 from scheduler.traffic.traffic import Traffic
@@ -30,37 +32,9 @@ STEP_MS = 200
 REPORT_MS = 1_000  # everybody, news or not
 SILENT_MS = 10_000  # then a robot counts as lost
 STALL_MS = 120_000
+MOVING_MS = 10_000  # who has moved since is under way
 SETTLED_MS = 2_000  # after people have moved a robot, until it is where it says
-STRANGER_M = (0.8, 0.5)
-STRANGER_MPS = 0.5
 EVER = (WaitReason.BEHIND_ROBOT, WaitReason.YIELDING, WaitReason.PUSHED)  # no cause by themselves
-
-
-class Stranger:
-    """A vehicle that is no robot of ours: waits for its ground, crosses it once, and is gone."""
-
-    def __init__(self, claim: str, start: XY, end: XY) -> None:
-        self.claim, self.start, self.end = claim, start, end
-        self.way_m = 0.0
-
-    def step(self, dt_s: float) -> bool:
-        self.way_m += STRANGER_MPS * dt_s
-        return self.way_m >= math.dist(self.start, self.end)
-
-    @property
-    def heading(self) -> float:
-        return math.atan2(self.end[1] - self.start[1], self.end[0] - self.start[0])
-
-    def body(self) -> shapely.Polygon:
-        share = min(self.way_m / math.dist(self.start, self.end), 1.0)
-        x, y = (a + (b - a) * share for a, b in zip(self.start, self.end, strict=True))
-        wide, high = STRANGER_M[0] / 2, STRANGER_M[1] / 2
-        corners = ((wide, high), (-wide, high), (-wide, -high), (wide, -high))
-        return body(corners, x, y, self.heading)
-
-    def ground(self) -> tuple[XY, ...]:
-        strip = shapely.LineString((self.start, self.end)).buffer(0.5)
-        return _corners(strip.simplify(0.02).buffer(0.03))
 
 
 class Yard:
@@ -111,7 +85,13 @@ class Yard:
         self.stall: list[object] = []
         self.planning_s = 0.0  # of processor time
         self._claims = 0
+        self.config = SceneConfig()
         self.traffic = self._traffic()
+
+    def tune(self, config: SceneConfig) -> None:
+        """Have traffic work by these settings."""
+        self.config = config
+        self.traffic.tune(config)
 
     def _place(self, starts: Mapping[str, tuple[str, float]] | int) -> None:
         names = [f"R{k:03}" for k in range(starts)] if isinstance(starts, int) else sorted(starts)
@@ -128,6 +108,7 @@ class Yard:
 
     def _traffic(self) -> Traffic:
         traffic = Traffic(SCENE, self.area, self.groups)
+        traffic.tune(self.config)
         for name in self.robots:
             traffic.add(name, self.groups[0].id)
         return traffic
@@ -203,9 +184,10 @@ class Yard:
     # -- the surroundings
 
     def _surroundings(self) -> None:
-        for stranger in list(self.strangers.values()):
-            if stranger.claim in self.owned and stranger.step(STEP_MS / 1000):
-                self.release(stranger.claim)
+        for id_ in self.strangers.keys() & self.owned:
+            self.strangers[id_] = self.strangers[id_].further(STEP_MS / 1000)
+            if self.strangers[id_].gone:
+                self.ends_ms[id_] = self.now_ms
         for id_ in [i for i, end_ms in self.ends_ms.items() if self.now_ms >= end_ms]:
             self.release(id_)
         mix = self.mix
@@ -241,7 +223,7 @@ class Yard:
             wide, high = self.chance.uniform(0.3, 1.5), self.chance.uniform(0.3, 1.5)
             ring = ((x, y), (x + wide, y), (x + wide, y + high), (x, y + high))
         else:
-            stranger = Stranger(f"c{self._claims + 1}", a, b)
+            stranger = Stranger(start=a, end=b)
             ring = stranger.ground()
         polygon = shapely.Polygon(ring)
         if any(shapely.Polygon(other).intersects(polygon) for _, other in self.claims.values()):
@@ -292,17 +274,14 @@ class Yard:
 
     def _stalled(self, names: list[RobotName]) -> None:
         plans = {plan.robot: plan for plan in self.traffic.plans(self.now_ms)}
-        waits = {n: plan.wait for n, plan in plans.items() if plan.wait is not None}
-        named = explained(waits)
+        struck = {key.split("/")[1] for key in self.world.troubles}
+        late = {name for name, robot in self.robots.items() if robot.held_s > 0.0}
+        moving = {n for n, at_ms in self.moved_ms.items() if self.now_ms - at_ms < MOVING_MS}
+        named = explained(plans, late | moving | {RobotName(name) for name in struck})
         for name in names:
-            robot = self.robots[name]
-            struck = robot_key(SCENE, name) in self.world.troubles or robot.held_s > 0.0
-            if name in named or struck or self.traffic.trouble(name) is not None:
-                continue
             still_ms = self.now_ms - self.moved_ms[name]
-            if still_ms > self.unnamed_ms:
-                self.unnamed_ms = still_ms
-                self.stall = [name, self.goals.get(name), waits.get(name)]
+            if name not in named and still_ms > self.unnamed_ms:
+                self.unnamed_ms, self.stall = still_ms, [name, plans[name]]
 
     def bodies(self, names: Sequence[RobotName] | None = None) -> dict[RobotName, shapely.Polygon]:
         footprint = self.groups[0].footprint
@@ -325,7 +304,7 @@ class Yard:
         self.strays = {n for n in self.strays if self._in_hand(n) or n in dict(on)}
         assert {(name, owner) for name, owner in on if name not in self.strays} == set()
         for id_ in self.strangers.keys() & self.owned:
-            shape = self.strangers[id_].body()
+            shape = shapely.Polygon(self.strangers[id_].corners())
             assert not any(shape.intersects(bodies[n]) for n in self.robots if n not in self.strays)
 
     def _in_hand(self, name: RobotName) -> bool:
@@ -336,9 +315,6 @@ class Yard:
         plans = self.traffic.plans(self.now_ms)
         granted = [plan for plan in plans if not self._in_hand(plan.robot)]
         assert double_grants(granted) == []
-        self.everybody_is_on_own_ground(plans)
-
-    def everybody_is_on_own_ground(self, plans: Sequence[Plan]) -> None:
         for plan in plans:
             if plan.spaces and not self._in_hand(plan.robot):
                 shape = self.bodies([plan.robot])[plan.robot]
@@ -376,15 +352,22 @@ def near_others(robots: Mapping[RobotName, SimRobot]) -> list[RobotName]:
     return [names[k] for k in np.flatnonzero(meets.any(axis=1))]
 
 
-def explained(waits: Mapping[RobotName, Wait]) -> set[RobotName]:
-    """Robots whose waiting comes in the end from something else than robots that wait: from a
-    fault, a person, a door, reserved ground, work, a queue before a dead end.
+def explained(plans: Mapping[RobotName, Plan], causes: Collection[RobotName]) -> set[RobotName]:
+    """Robots whose waiting comes in the end from something else than robots that wait: from one of
+    these causes, a person, a door, reserved ground, work, a queue before a dead end.
     """
-    named: set[RobotName] = set()
-    for chain in chains(waits.values()):
-        causes = [wait for wait in chain.waits if wait.reason not in EVER]
-        if causes or (chain.root is not None and chain.root not in waits):
-            named.update(wait.robot for wait in chain.waits)
+    named = set(causes)
+    behind: dict[RobotName, set[RobotName]] = {}
+    for name, plan in plans.items():
+        blockers = plan.blocked_by or (plan.wait.blockers if plan.wait is not None else ())
+        behind[name] = set(blockers)
+        if plan.wait is not None and plan.wait.reason not in EVER:
+            named.add(name)
+    more = True
+    while more:
+        found = {n for n, others in behind.items() if others & named or others - behind.keys()}
+        more = not found <= named
+        named |= found
     return named
 
 
