@@ -29,6 +29,7 @@ class Grid(Roadmap):
             paths=[(k,) for k in range(len(end))],
             need=[1 << place for place in end],
         )
+        self.longest_m = 1.0
         self.places = Places(
             point=list(range(count)),
             stops=count,

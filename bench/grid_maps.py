@@ -15,6 +15,8 @@ XY: TypeAlias = tuple[int, int]  # column, row
 
 EAST, NORTH, WEST, SOUTH = (1, 0), (0, 1), (-1, 0), (0, -1)
 AROUND = (EAST, NORTH, WEST, SOUTH)
+# In the rows of the stations, by column modulo 6; in the lowest row, and in the highest.
+DETOURS = ({0: (-1,), 1: (1,), 2: (1,), 5: (-1,)}, {2: (-1,), 3: (-1,), 4: (1,), 5: (1,)})
 MOVINGAI = FilePath(__file__).parents[1] / "../shared/data/movingai"
 
 
@@ -52,16 +54,8 @@ def sorting() -> Floor:
         ahead: list[XY] = []
         if x % 3 != 2:
             ahead.append(SOUTH if x % 6 < 2 else NORTH)
-        if y in (0, height - 1):  # from the stations to the lane that leads away
-            north = y == 0
-            if x % 6 == 2:
-                ahead.append(EAST if north else WEST)
-            elif x % 6 == 5:
-                ahead.append(WEST if north else EAST)
-            elif (x % 6 < 2) == north:
-                ahead.append(EAST if x % 6 == 1 else WEST)
-            else:
-                ahead.append(WEST if x % 6 == 3 else EAST)
+        if y in (0, height - 1):  # from the lanes that end here over a station to those that begin
+            ahead += [(dx, 0) for dx in DETOURS[y > 0].get(x % 6, ())]
         elif y % 3:
             ahead.append(EAST if y % 6 < 3 else WEST)
         for dx, dy in ahead:
