@@ -80,8 +80,10 @@ class SceneReply(Answer):
     dispatchProfile: dict[str, int] | None = Field(
         None, description="Number of unfinished orders by status."
     )
-    trafficDebug: dict[str, int] | None = Field(
-        None, description="Number of robots that traffic may move, moves, and holds back."
+    trafficDebug: dict[str, Any] | None = Field(
+        None,
+        description="Number of robots that traffic may move, moves, and holds back; and in `waits` "
+        "who waits for whom, since when and why.",
     )
     sceneConfig: dict[str, Any] | None = Field(None, description="SceneConfig.")
     trafficConditions: dict[str, int] | None = Field(

@@ -259,12 +259,23 @@ def congestion(plans: PlansOfRobots) -> Row:
 
 
 def traffic_debug(plans: PlansOfRobots) -> Row:
-    """Count robots by what traffic does with them."""
+    """Count robots by what traffic does with them, and say who waits for whom."""
     known = [plan for _, plan in plans if plan is not None]
     return {
         "ready": sum(plan.ready for plan in known),
         "moving": sum(plan.moving for plan in known),
         "blocked": sum(bool(plan.blocked_by) for plan in known),
+        "waits": [
+            {
+                "robot": plan.wait.robot,
+                "reason": plan.wait.reason.value,
+                "since": plan.wait.since_ms,
+                "blockers": list(plan.wait.blockers),
+                "place": plan.wait.place,
+            }
+            for plan in known
+            if plan.wait is not None
+        ],
     }
 
 

@@ -287,6 +287,7 @@ def _alike(one: Plan | None, other: Plan | None) -> bool:
         and one.untravelled == other.untravelled
         and one.blocked_by == other.blocked_by
         and one.alarm == other.alarm
+        and one.wait == other.wait
         and one.spaces == other.spaces
     )
 

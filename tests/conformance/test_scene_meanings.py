@@ -18,6 +18,7 @@ from ledger.scene_config import (
     TrafficMethod,
 )
 from ledger.state import DeviceFault, DeviceKind, Fleet, OrderStatus, Robot, RobotBin
+from ledger.waits import Wait, WaitReason
 from projections.api.m4_scene_query import Beside, Look, field_value
 from projections.devices import door_reports, lift_reports
 from projections.live import Live
@@ -114,7 +115,18 @@ def test_traffic_tells_whom_it_moves_and_what_paths_are_used() -> None:
         (robot("R5"), plan("R5")),
     )
     assert says("trafficConditions", plans=plans) == {here: 2, next_: 1}
-    assert says("trafficDebug", plans=plans) == {"ready": 3, "moving": 1, "blocked": 1}
+    said = {"ready": 3, "moving": 1, "blocked": 1, "waits": []}
+    assert says("trafficDebug", plans=plans) == said
+    waiting = {"since_ms": 7, "blockers": (RobotName("R1"),), "place": PointName("B")}
+    wait = Wait(robot=RobotName("R2"), reason=WaitReason.GOAL_BUSY, **waiting)
+    [row] = says("trafficDebug", plans=((robot("R2"), plan("R2", wait=wait)),))["waits"]
+    assert row == {
+        "robot": "R2",
+        "reason": "GoalBusy",
+        "since": 7,
+        "blockers": ["R1"],
+        "place": "B",
+    }
 
 
 def test_orders_are_neither_made_at_random_nor_replayed() -> None:

@@ -20,6 +20,7 @@ from ledger.link import (
     Report,
     Space,
 )
+from ledger.waits import Wait, WaitReason
 from projections.api.m4_models import OrderQueryType, SceneDataAsked
 from projections.api.scene_changes import FOLLOWED, SceneChanges
 from tests.histories import history
@@ -29,6 +30,11 @@ from tests.projections.past import Log, Side
 from tests.strategies import SCENE
 
 UNFINISHED = SceneDataAsked(order_query_type=OrderQueryType.UNFINISHED)
+
+
+def wait_of(robot: RobotName, since_ms: int) -> Wait:
+    reason, blockers = WaitReason.BEHIND_ROBOT, (RobotName("R9"),)
+    return Wait(robot=robot, since_ms=since_ms, reason=reason, blockers=blockers)
 
 
 class Site:
@@ -113,6 +119,7 @@ class Site:
                     commit=random.randrange(3),
                     moving=random.random() < 0.5,
                     alarm=stuck if random.random() < 0.2 else None,
+                    wait=wait_of(robot, self.now_ms) if random.random() < 0.2 else None,
                 )
             )
 
@@ -163,6 +170,22 @@ async def test_a_scene_in_which_nothing_happens_gives_no_changes(tmp_path: Path)
         field for field in ("orders", "ordersRecords") if site.side.live.fleet.orders
     }
     assert changes.look(wanted) == {}
+    site.side.close()
+
+
+async def test_a_wait_alone_is_told_as_it_forms_and_dissolves(tmp_path: Path) -> None:
+    site = Site(tmp_path, 24, 200)
+    for _ in range(40):
+        site.happen()
+    changes = changes_of(site)
+    wanted = frozenset({"trafficDebug"})
+    changes.look(wanted)
+    key, plan = next(iter(site.side.live.plans.items()))
+    for wait in (wait_of(plan.robot, 1), wait_of(plan.robot, 2), None):
+        site.side.live.intend(msgspec.structs.replace(plan, wait=wait))
+        told = json.loads(changes.look(wanted)["trafficDebug"])["waits"]
+        mine = [row["since"] for row in told if row["robot"] == plan.robot]
+        assert mine == ([] if wait is None else [wait.since_ms]), key
     site.side.close()
 
 
