@@ -15,7 +15,7 @@ from ledger.ids import PointName, RobotName
 from ledger.link import Mark
 from ledger.scene import Value
 from scheduler.traffic.costs import INFINITE
-from scheduler.traffic.lacam import Search, Way
+from scheduler.traffic.lacam import Search, Stand, Way
 from scheduler.traffic.planner import Planner, Proposal
 from scheduler.traffic.rescue import Rescue
 from scheduler.traffic.stalls import STALL_MS, Stalls
@@ -25,13 +25,14 @@ from scheduler.traffic.world import Agent, World
 # Robots that may be moved for one, and successors looked at with so many: 13 µs each in plain
 # Python (measured), so all three together take no longer than a quarter of a second.
 REGIONS = ((6, 1_000), (14, 3_000), (30, 12_000))
-SEARCH_MS = 1_000  # between two searches, however many are stuck
+LOOK_MS = 1_000  # between two looks at all robots, and so between two searches
 LOOKED_AT_MAX = 8  # of those that are stuck, the first in rank, at one time
 # Who is not the first in rank around it waits for those that are: on a busy floor that is common,
 # and a way out for everybody who has waited for 30 s cost a quarter of the throughput (measured).
 OTHERS_MS = 120_000
 RETRY_MS = 10_000  # and between two for the same robot
 WAY_MAX = 12  # moves of the stuck robot from which its region grows
+LONG_WAY = 300  # moves looked at for who stands in the way for good
 NEARER_S = 3.0  # of driving, that a way has to gain: a move or two
 NAMED_MAX = 8  # robots named in one alarm
 # So long after a way was first looked for in vain a person is told; what stands in the way may
@@ -86,7 +87,7 @@ class Ladder:
         self._rescue: Rescue | None = None
         self._vain: dict[str, _Vain] = {}
         self._told: frozenset[RobotName] = frozenset()
-        self._search_ms = 0
+        self._look_ms = 0
         self._roots: dict[RobotName, tuple[Mark, int]] = {}  # how far, and since when no further
 
     def propose(
@@ -99,18 +100,12 @@ class Ladder:
     ) -> Proposal:
         """What the planner says, after what is left of the way of who was stuck."""
         lost = {track.name for track in tracks.values() if track.lost}
-        left = {t.name: t.way_m - t.way_to_m(t.progress) for t in tracks.values() if not t.driven}
-        stalled = self._stalls.look(world, lost, left, now_ms)
-        names = {world.agents[k].name for k in stalled}
-        names |= self._note_barred(world, tracks, now_ms)
-        self._vain = {name: vain for name, vain in self._vain.items() if name in names}
-        if not stalled:
-            self._roots.clear()
+        if self._rescue is not None and not self._rescue.holds(world, lost, now_ms):
+            self._rescue = None
+        if now_ms >= self._look_ms:
+            self._look_ms = now_ms + LOOK_MS
+            self._look_round(world, tracks, blockers, lost, now_ms)
         rescue = self._rescue
-        if rescue is not None and not rescue.holds(world, lost, now_ms):
-            rescue = self._rescue = None
-        if rescue is None and stalled and now_ms >= self._search_ms:
-            rescue = self._rescue = self._look(world, tracks, blockers, stalled, now_ms)
         if rescue is None:
             return planner.propose(world)
         near = {track.name for track in tracks.values() if track.near}
@@ -121,6 +116,24 @@ class Ladder:
     def excused(self) -> Set[str]:
         """Robots on a way that is known to lead out."""
         return set() if self._rescue is None else self._rescue.robots()
+
+    def _look_round(
+        self,
+        world: World,
+        tracks: Mapping[RobotName, Track],
+        blockers: Blockers,
+        lost: Set[RobotName],
+        now_ms: int,
+    ) -> None:
+        left = {t.name: t.way_m - t.way_to_m(t.progress) for t in tracks.values() if not t.driven}
+        stalled = self._stalls.look(world, lost, left, now_ms)
+        names = {world.agents[k].name for k in stalled}
+        names |= self._note_barred(world, tracks, now_ms)
+        self._vain = {name: vain for name, vain in self._vain.items() if name in names}
+        if not stalled:
+            self._roots.clear()
+        elif self._rescue is None:
+            self._rescue = self._look(world, tracks, blockers, stalled, now_ms)
 
     def note(self, committed: Iterable[str], now_ms: int) -> None:
         """Learn which of the proposed moves have been committed."""
@@ -163,7 +176,6 @@ class Ladder:
                 if why is not None:
                     self._note_vain(agent.name, agent.goal, why, world, now_ms)
                 continue
-            self._search_ms = now_ms + SEARCH_MS
             nearest = _region(world, k)
             since_ms = self._stalls.since_ms(agent.name) or now_ms
             if now_ms - since_ms < OTHERS_MS and _gives_way(world, k, nearest, stalled):
@@ -271,16 +283,22 @@ def _search(world: World, nearest: list[int]) -> tuple[Proposal | None, bool, li
 
 
 def _until_nearer(world: World, agent: Agent, way: Way, least_s: float) -> Way:
-    """The way up to where the robot is nearer to its goal than it ever was. From there on it is
-    again one of many: followed to the goal, ways closed so much ground to all others that a busy
-    floor did a third less (measured).
+    """The way up to where the robot is nearer to its goal than it ever was, with nobody on the next
+    moves from there. From then on it is again one of many: followed to the goal, ways closed so
+    much ground to all others that a busy floor did a third less (measured).
     """
     assert agent.goal is not None
+    roadmap, at = world.roadmap, {other.name: other.place for other in world.agents}
     for k, (name, moves) in enumerate(way):
-        if name != agent.name or not moves:
+        if not moves:
             continue
-        end, heading = world.roadmap.moves.end[moves[-1]], world.roadmap.heading_end[moves[-1]]
-        if agent.costs.cost_s(end, heading, agent.goal) <= least_s - NEARER_S:
+        at[name], heading = roadmap.moves.end[moves[-1]], roadmap.heading_end[moves[-1]]
+        if name != agent.name:
+            continue
+        left_s = agent.costs.cost_s(at[name], heading, agent.goal)
+        onward = _needs_of_way(world, agent, (at[name], heading), WAY_MAX)
+        others = (place for other, place in at.items() if other != name)
+        if left_s <= least_s - NEARER_S and not any(onward >> place & 1 for place in others):
             return way[: k + 1]
     return way
 
@@ -292,7 +310,7 @@ def _region(world: World, k: int) -> list[int]:
     roadmap, agent = world.roadmap, world.agents[k]
     near: list[int] = [agent.place]
     seen = {agent.place}
-    bits = _needs_of_way(world, agent, WAY_MAX)
+    bits = _needs_of_way(world, agent, (agent.place, agent.heading_rad), WAY_MAX)
     for place in range(len(roadmap.places.point)):
         if bits >> place & 1 and place not in seen:
             seen.add(place)
@@ -313,10 +331,10 @@ def _region(world: World, k: int) -> list[int]:
     return found
 
 
-def _needs_of_way(world: World, agent: Agent, moves_max: int) -> int:
-    """Bits of the places that its best way needs on the map, whoever is there."""
+def _needs_of_way(world: World, agent: Agent, stand: Stand, moves_max: int) -> int:
+    """Bits of the places that its best way from there needs on the map, whoever is there."""
     assert agent.goal is not None
-    place, heading, bits = agent.place, agent.heading_rad, 0
+    (place, heading), bits = stand, 0
     roadmap = world.roadmap
     for _ in range(moves_max):
         ways = [] if place == agent.goal else agent.costs.ways(place, heading, agent.goal)
@@ -347,7 +365,7 @@ def _why(
     lost = {track.name for track in tracks.values() if track.lost}
     alone = Search(_without(world, {k, *fixed}), [_number(world, k, fixed)]).run(REGIONS[-1][1])
     if alone.way is None and alone.proven:
-        way = _needs_of_way(world, agent, 10 * REGIONS[-1][0])
+        way = _needs_of_way(world, agent, (agent.place, agent.heading_rad), LONG_WAY)
         standing = [world.agents[n] for n in fixed if way >> world.agents[n].place & 1]
         silent = tuple(RobotName(o.name) for o in standing if o.name in lost)
         silent = silent or tuple(sorted(n for n in lost if tracks[n].place is None))
