@@ -7,7 +7,7 @@ from fleetledger.traffic_figures import STALE_MS, TrafficFigures
 from ledger.bus import MemoryBus, counts_key
 from ledger.events import RobotsWaited
 from ledger.ids import RobotKey, RobotName, SceneId, robot_key
-from ledger.link import Plan
+from ledger.link import Alarm, AlarmLevel, Plan
 from ledger.waits import Counts, Wait, WaitReason
 from sim.faults import FaultMix
 from sim.warehouses import for_robots
@@ -29,7 +29,13 @@ def figures(plans: dict[RobotKey, Plan], bus: MemoryBus) -> list[str]:
     made = TrafficFigures(plans, lambda: 100_000)
     made.hear(bus)
     counts = Counts(
-        scene=SCENE, at_ms=1, plannings={"Goals": 7, "Pace": 2}, pushes=3, cycles=1, breaches=2
+        scene=SCENE,
+        at_ms=1,
+        plannings={"Goals": 7, "Pace": 2},
+        pushes=3,
+        cycles=1,
+        breaches=2,
+        ladder={"rescues": 4},
     )
     bus.publish(counts_key(SCENE), msgspec.json.encode(counts))
     bus.publish(counts_key(SCENE), b"nonsense")
@@ -61,6 +67,16 @@ def test_what_the_scheduler_counts_is_told_as_counters():
     assert f'fleetledger_traffic_plannings_total{{due="Goals",scene="{SCENE}"}} 7.0' in lines
     assert f'fleetledger_traffic_pushes_total{{scene="{SCENE}"}} 3.0' in lines
     assert f'fleetledger_traffic_wait_cycles_total{{scene="{SCENE}"}} 1.0' in lines
+
+
+def test_robots_that_cannot_get_on_are_told_and_what_was_tried_is_counted():
+    key, stuck = plan("A", 99_000)
+    alarm = Alarm(level=AlarmLevel.ERROR, code="TrafficStuck", message="no way")
+    plans = dict([plan("B", 99_000), (key, msgspec.structs.replace(stuck, alarm=alarm))])
+    lines = figures(plans, MemoryBus())
+    assert f'fleetledger_traffic_stuck_robots{{scene="{SCENE}"}} 1.0' in lines
+    told = f'fleetledger_traffic_ladder_total{{scene="{SCENE}",what="rescues"}} 4.0'
+    assert told in lines
 
 
 def test_what_the_guard_saw_is_counted():

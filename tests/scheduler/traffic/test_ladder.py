@@ -1,6 +1,7 @@
 """The last rungs of liveness, on floors with robots that drive: nobody hangs without a word."""
 
 import math
+import random
 
 import pytest
 
@@ -153,3 +154,40 @@ def test_a_robot_that_has_leave_to_drive_and_does_not_is_named():
     made.robots[RobotName("B")].frozen_s = 0.0
     until_done(made)
     assert not stuck(made)
+
+
+def crowd(seed):
+    """Nearly as many robots as there is room for, on a small map, bound for anywhere."""
+    chance = random.Random(seed)
+    area = chance.choice((PASSING_PLACE, RING, LOOP, CROSS, lattice(3, 3), lattice(2, 5)))
+    names = [point.name for point in area.points]
+    robots = chance.randint(len(names) // 2, len(names) - 1)
+    starts = {f"R{k}": (p, 0.0) for k, p in enumerate(chance.sample(names, robots))}
+    return Floor(area, GROUPS, starts, names, seed=seed, late=0.1, service_s=2.0)
+
+
+def hangs_unsaid(made, seconds):
+    """Run; the first robot that stands for long without an alarm for it or for who is with it."""
+    waits = dict.fromkeys(made.robots, 0)
+    for k in range(round(seconds * 10)):
+        done = dict(made.done)
+        made.tick()
+        if k % 20 == 0:
+            made.judge()
+        told = {name for s in stuck(made).values() for name in (s.robot, *s.robots)}
+        for name in made.robots:
+            rests = made.done[name] > done[name] or name in told or name not in made.goals
+            waits[name] = 0 if rests else waits[name] + 1
+            if waits[name] > 4 * WORKING_MS / 100:
+                return name
+    return None
+
+
+def test_on_crowded_small_maps_nobody_hangs_without_a_word():
+    for seed in (1, 2):
+        assert hangs_unsaid(crowd(seed), 400) is None
+
+
+def stage(seed):
+    """For the soak: half an hour on a crowded small map."""
+    assert hangs_unsaid(crowd(seed), 1_800) is None
