@@ -262,6 +262,19 @@ async def test_a_robot_that_never_reported_has_no_pose(
         assert robot["alarms"] == robot["spaces"] == robot["unTravelled"] == robot["bbr"] == []
 
 
+async def test_a_robot_that_cannot_get_on_has_an_alarm_of_traffic_after_its_own(
+    client: httpx.AsyncClient, side: Side
+) -> None:
+    name = RobotName(shown(side)[0])
+    own = Alarm(level=AlarmLevel.WARNING, code="55001", message="low battery")
+    stuck = Alarm(level=AlarmLevel.ERROR, code="TrafficStuck", message="no way", at_ms=AT_MS)
+    side.live.observe(report(name, AT_MS, alarms=(own,)))
+    for alarm, codes in ((stuck, ["55001", "TrafficStuck"]), (None, ["55001"])):
+        plan = Plan(scene=SCENE, robot=name, at_ms=AT_MS, ready=True, alarm=alarm)
+        side.live.intend(plan)
+        assert [a["code"] for a in (await robots(client))[name]["alarms"]] == codes
+
+
 async def test_disabled_robots_are_left_out(client: httpx.AsyncClient, side: Side) -> None:
     assert len(shown(side)) < len(side.live.fleet.robots)  # the history has disabled some
     assert (await robots(client)).keys() == set(shown(side))

@@ -184,7 +184,7 @@ def hangs_unsaid(made, seconds):
 
 
 def test_on_crowded_small_maps_nobody_hangs_without_a_word():
-    for seed in (1, 2):
+    for seed in (3, 11):  # a way out in one, an alarm in the other
         assert hangs_unsaid(crowd(seed), 400) is None
 
 
