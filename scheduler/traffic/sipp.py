@@ -36,6 +36,7 @@ class _Node(NamedTuple):
     before: "_Node | None" = None
     step: Step | None = None
     ended: bool = False
+    extra_s: float = 0.0  # of its cost: what guidance adds to the time
 
 
 class Sipp:
@@ -89,6 +90,7 @@ class _Search:
         self.robot, self.agent = robot, sipp.world.agents[robot]
         self.booked, self.others = booked, others
         self.shut = booked.shut[booked.kinds[robot]]
+        self.lasts_s = booked.times.lasts_s(booked.kinds[robot])
         self.count, self.number = 0, 0
         costs, goal, here = self.agent.costs, self.agent.goal, self.agent.place
         if goal is not None and costs.cost_s(here, self.agent.heading_rad, goal) == INFINITE:
@@ -140,7 +142,8 @@ class _Search:
         heading_end, state = self.world.roadmap.heading_end, self.agent.costs.state
         for value, seconds, move, end, needs in self._ways(node.place, node.heading_rad):
             at_s, later = node.at_s, 0
-            turn_s = seconds - self.agent.costs.move_s[move]
+            turn_s = seconds - self.lasts_s[move]
+            extra_s = node.extra_s + self.agent.costs.move_s[move] - self.lasts_s[move]
             while later <= LATER_MAX:
                 commit_s = self._departure_s(move, turn_s, needs, at_s, node.called_s)
                 if commit_s is None:
@@ -155,10 +158,10 @@ class _Search:
                         drive_s=commit_s + turn_s,
                         arrive_s=arrive,
                     )
-                    cost = commit_s + value if self.goal is not None else node.cost_s + value
+                    begin = node.cost_s if self.goal is None else commit_s + node.extra_s
                     self.number += 1
                     yield _Node(
-                        cost,
+                        begin + value,
                         node.conflicts + (self._conflicts(step, end) if self.others else 0),
                         self.number,
                         arrive,
@@ -168,6 +171,7 @@ class _Search:
                         called,
                         node,
                         step,
+                        extra_s=extra_s,
                     )
                 at_s = called + NEXT_S
 
@@ -179,14 +183,14 @@ class _Search:
         if self.goal is not None:
             ways: list[Way] = costs.candidates(place, heading, self.goal)
             found = [
-                (value, costs.departure_s(place, heading, move) + costs.move_s[move], move, end, n)
+                (value, costs.departure_s(place, heading, move) + self.lasts_s[move], move, end, n)
                 for value, move, end, n in ways
             ]
         else:
             stops = world.roadmap.places.stops
             found = [
-                (seconds, seconds, move, end, needs)
-                for seconds, move, end, _, needs in costs.departures(place, heading)
+                (s, s - costs.move_s[move] + self.lasts_s[move], move, end, needs)
+                for s, move, end, _, needs in costs.departures(place, heading)
                 if end < stops and not costs.trap[move]
             ]
         plain = not (world.closed_moves or world.closed_turns or world.closed_places)
@@ -256,12 +260,13 @@ class _Search:
                 deeper = pocket[node.place] not in (-1, pocket[self.agent.place])
                 cost += IDLE_POCKET_S if deeper else 0.0
             return cost
-        onward_s = node.cost_s - node.at_s
+        onward_s = node.cost_s - node.extra_s - node.at_s
         if node.place == self.goal:
-            return node.cost_s if node.called_s >= node.cost_s + DWELL_S else None
+            left_s = node.at_s + onward_s + DWELL_S
+            return node.cost_s if node.called_s >= left_s else None
         if node.called_s < EVER or node.place >= self.world.roadmap.places.stops:
             return None
-        return max(node.at_s, self.sipp.window_s) + onward_s
+        return max(node.at_s, self.sipp.window_s) + node.extra_s + onward_s
 
     def _conflicts(self, step: Step, end: int) -> int:
         assert self.others is not None
@@ -279,7 +284,7 @@ class _Search:
         steps: list[Step] = []
         end, until, back = node.place, EVER, node
         if self.goal is not None and end == self.goal:
-            until = node.cost_s + DWELL_S
+            until = node.cost_s - node.extra_s + DWELL_S
         while back.before is not None:
             assert back.step is not None
             steps.append(back.step)

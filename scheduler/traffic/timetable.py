@@ -26,6 +26,7 @@ class _Table:
 
     def __init__(self, roadmap: Roadmap, kind: Kind) -> None:
         self.spans = [_spans(roadmap, kind, move) for move in range(roadmap.moves.count)]
+        self.lasts_s = [roadmap.move_s(move, kind[1]) for move in range(roadmap.moves.count)]
         self.over: dict[int, list[Span]] = {}  # cell -> move, from, to
         for move, spans in enumerate(self.spans):
             for cell, first, last in spans:
@@ -47,6 +48,10 @@ class Timetable:
         if found is None:
             found = self._tables[kind] = _Table(self._roadmap, kind)
         return found
+
+    def lasts_s(self, kind: Kind) -> list[float]:
+        """How long each move takes, without the turn before it; `Costs` may have guidance in it."""
+        return self._of(kind).lasts_s
 
     def clashes(self, kind: Kind, move: int, other: Kind) -> list[Clash]:
         """Moves of another robot that share ground with this one."""
