@@ -18,6 +18,8 @@
 All lanes are straight and two-way. Points are so far apart (1.4 m in aisles, 1.8 m elsewhere) that
 robots of 1.0 x 0.7 m may stand and turn on any of them at once: a rotation disc has 0.61 m, and
 what meets another point's disc is no place to rest for the planner.
+A yard has a way out at both ends and at every fifth column: with those at its ends alone a hundred
+robots that left it at once stood for four minutes (71 orders were done in those, 55 without).
 Without the places on spurs no single point cuts the lanes in two.
 """
 
@@ -46,6 +48,7 @@ BAY_M = 1.4
 LANE_GAP_M = 2.0  # between the two lanes of a pair, and down to the stations
 SPUR_M = 1.8
 YARD_M = 3 * SPUR_M  # from one yard lane to the next: two spurs and the gap between their ends
+RUNG_FIRST, RUNG_COLUMNS = 3, 5  # ways out of a yard, beside those at its ends
 RACK_DEPTH_M = 1.0
 RACK_GAP_M = 0.8  # from the lane's middle to the rack
 AISLES_MAX = 200
@@ -217,18 +220,22 @@ def _places(
     rng: random.Random,
 ) -> None:
     """Draw spurs with places above the top lane, then yard lanes with places on both sides."""
-    first_m = lane_m
     ends = (columns[0] - COLUMN_M, columns[-1] + COLUMN_M)
-    spots = [((x, lane_m), (x, lane_m + SPUR_M)) for x in columns]
+    rungs = columns[RUNG_FIRST::RUNG_COLUMNS] if len(columns) < chargers + parking else []
+    beside = [x for x in columns if x not in rungs]
+    spots = [((x, lane_m), (x, lane_m + SPUR_M)) for x in beside]
+    first_m = lane_m
     while len(spots) < chargers + parking:
         above_m = lane_m + YARD_M
-        for i in (0, -1):  # the yard hangs on the lane below by both ends
+        for i in (0, -1):  # the yard hangs on the lane below by both ends …
             climb = [layout.point(ends[i], lane_m + k * SPUR_M) for k in range(4)]
             layout.join(*climb)
             if lane_m == first_m:  # a yard lane reaches to its ends by itself
                 layout.join(layout.point(columns[i], lane_m), climb[0])
+        for x in rungs:  # … and in between
+            layout.join(*[layout.point(x, lane_m + k * SPUR_M) for k in range(4)])
         layout.join(*[layout.point(x, above_m) for x in (ends[0], *columns, ends[1])])
-        for x in columns:
+        for x in beside:
             spots.append(((x, above_m), (x, above_m - SPUR_M)))
             spots.append(((x, above_m), (x, above_m + SPUR_M)))
         lane_m = above_m

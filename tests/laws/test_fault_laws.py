@@ -24,7 +24,7 @@ from tests.laws.yard import STALL_MS, Yard
 from tests.scheduler.traffic.maps import lattice
 
 HARD: FaultMix = STANDARD.times(20)
-FEW = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+FEW = settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 CONFIGS = tuple(RobotConfig(name=RobotName(n), simulated=True) for n in ("R1", "R2"))
 SEEDS = st.integers(0, 10_000)
 ORDER_S_MAX = 400.0  # on a lattice with delays of 6 s and a fifth of its points taken: 130 s seen
