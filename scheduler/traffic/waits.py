@@ -226,13 +226,13 @@ class Waits:
         name = self._name(end)
         world = floor.world
         if move in world.closed_moves or world.closed_places >> end & 1:
-            lost = tuple(track.name for track in floor.tracks.values() if track.lost)
-            return WaitReason.ROBOT_LOST, lost, name
+            lost = tuple(other.name for other in floor.tracks.values() if other.lost)
+            stray = tuple(o.name for o in floor.tracks.values() if o.trouble is not None)
+            if lost or stray:
+                reason = WaitReason.ROBOT_LOST if lost else WaitReason.ROBOT_FIXED
+                return reason, lost or stray, name
         need = room(world, place, track.heading_rad, (move,), aim) & ~(1 << place)
         inside = _standing(need, at)
-        lost = tuple(other for other in inside if floor.tracks[other].lost)
-        if lost:
-            return WaitReason.ROBOT_LOST, lost, name
         fixed = tuple(other for other in inside if other in floor.fixed)
         holder = at.get(aim)
         if holder is not None and holder in floor.fixed and (holder in fixed or not inside):

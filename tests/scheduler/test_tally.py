@@ -37,6 +37,14 @@ def test_what_is_waited_for_the_same_is_summed_up_from_when_the_robot_stood():
     assert (noted.from_ms, noted.left_out_ms, noted.cycles) == (0, 0, ())
 
 
+def test_what_was_before_the_beginning_is_not_counted():
+    tally = Tally(10_000)
+    tally.take([wait(A, B, since_ms=9_500)], 12_000)
+    noted = tally.due(SCENE, 10_000 + STRETCH_MS)
+    assert noted is not None
+    assert (noted.waits[0].total_ms, noted.waits[0].longest_ms) == (2_000, 2_000)
+
+
 def test_another_reason_is_another_wait_from_its_beginning_on():
     tally = Tally(0)
     tally.take([wait(A, B, since_ms=0)], 3_000)

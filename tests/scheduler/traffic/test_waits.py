@@ -102,6 +102,7 @@ def test_reserved_ground_is_waited_for_by_its_owners_name():
     ring = ((3.5, -0.5), (4.5, -0.5), (4.5, 0.5), (3.5, 0.5))
     made.traffic.claim("c1", "lift maintenance", [ring])
     send(made, R0, "P3-0")
+    assert looked(made, 0.9) == {}, "it has not stood for a second"
     owner = f"{EXTERNAL}lift maintenance"
     assert why(looked(made, 8), R0) == (WaitReason.RESERVED_GROUND, (owner,))
     made.traffic.unclaim("c1")
@@ -118,6 +119,22 @@ def test_a_door_is_waited_for_by_its_name(now: DoorNow):
     assert why(looked(made, 10), R0) == (WaitReason.DOOR, (f"{DOOR}D1",))
     made.traffic.follow_doors({1: DoorNow(enter=True, leave=True)})
     assert looked(made, 8) == {}
+
+
+def test_who_may_drive_at_last_is_late_from_then_on():
+    made = floor(lattice(4, 1), {"R0": ("P0-0", 0.0)})
+    paths = tuple(path.key for path in both("P1-0", "P2-0"))
+    made.traffic.lay_doors([Door(id=1, name="D1", area=0, paths=paths)])
+    made.traffic.follow_doors({1: DoorNow()})
+    send(made, R0, "P3-0")
+    assert why(looked(made, 10), R0)[0] is WaitReason.DOOR
+    made.robots[R0].frozen_s = 10.0
+    made.traffic.follow_doors({1: DoorNow(enter=True, leave=True)})
+    opened_ms = made.now_ms
+    assert looked(made, 2.8) == {}
+    late = looked(made, 1.6)[R0]
+    assert late.reason is WaitReason.LATE
+    assert late.since_ms >= opened_ms
 
 
 def test_a_dead_end_that_has_to_empty_is_waited_for():
