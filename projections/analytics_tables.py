@@ -175,7 +175,11 @@ ROBOT_WAITS: tuple[Column[RobotWait], ...] = (
         "VARCHAR[]",
         "For whom: robots; `external:` with the owner of reserved ground, `door:` with its name.",
     ),
-    _field("place", "VARCHAR", "Point that it could not get to next."),
+    _field(
+        "place",
+        "VARCHAR",
+        "Point that it could not get to next; `A->B@1` is one on the way from A to B.",
+    ),
     _field("times", "BIGINT", "How often in that time."),
     _field("seconds", "DOUBLE", "How long in all."),
     _field("longest_s", "DOUBLE", "How long once, counted from before that time if it began so."),
