@@ -26,6 +26,6 @@ def halt_s(limits: Kinematics) -> float:
     return limits.speed_mps_max / limits.acceleration_mps2_max
 
 
-def braking_m(limits: Kinematics) -> float:
-    """Way to a halt from full speed."""
-    return limits.speed_mps_max**2 / (2 * limits.acceleration_mps2_max)
+def braking_m(limits: Kinematics, speed_mps: float) -> float:
+    """Way to a halt."""
+    return speed_mps**2 / (2 * limits.acceleration_mps2_max)

@@ -15,6 +15,7 @@ from scheduler.traffic.grants import Grants
 from scheduler.traffic.kinematics import braking_m
 
 LATENCY_S = 0.3  # from a report to the answer on board
+REPORT_S = 0.1  # from one report to the next
 SLACK_M = 0.6
 ARRIVED_M = 0.02  # this near to its end a route counts as driven
 ALONG_EPS = 1e-3  # metres or radians: reports are rounded
@@ -128,9 +129,14 @@ class Track(msgspec.Struct, kw_only=True):
 
     @property
     def near(self) -> bool:
-        """Is it so near to the end of its route that the next move must be committed."""
-        ahead = braking_m(self.limits) + self.limits.speed_mps_max * LATENCY_S + SLACK_M
-        return self.left_m() <= ahead
+        """Is it so near to the end of its route that the next move must be committed: at the speed
+        it has, not the one it may have. What is committed cannot be planned otherwise any more, so
+        who has not set out is not near (30 robots on a fine lattice: 0.73 of free flow, not 0.65).
+        """
+        speed = 0.0 if self.report is None else abs(self.report.speed_mps)
+        speed += self.limits.acceleration_mps2_max * (LATENCY_S + REPORT_S)
+        speed = min(speed, self.limits.speed_mps_max)
+        return self.left_m() <= braking_m(self.limits, speed) + speed * LATENCY_S + SLACK_M
 
     @property
     def standing(self) -> bool:
