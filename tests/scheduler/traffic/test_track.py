@@ -44,3 +44,18 @@ def test_progress_neither_falls_nor_runs_ahead_of_what_was_committed():
         last = track.progress
     boast = floor.robots[R0].report(floor.now_ms + 1, 0)
     assert boast.progress <= track.end
+
+
+def test_one_move_is_committed_at_a_time_and_nobody_halts_for_want_of_the_next():
+    floor = Floor(lattice(5, 1), GROUPS, {"R0": ("P0-0", 0.0)}, [])
+    floor.idle = {R0}
+    floor.goals[R0] = Goal(point=PointName("P4-0"), rank=(0, 0, "R0"))
+    track, robot = floor.traffic._tracks[R0], floor.robots[R0]
+    for _ in range(10):  # it has not set out, or has barely
+        floor.tick()
+    assert floor.traffic.roadmap.place[PointName("P1-0")] == track.place
+    slowest = []
+    while robot.x < 7.0:
+        floor.tick()
+        slowest.append(robot.speed if robot.x > 1.3 else 1.2)
+    assert min(slowest) > 1.0
