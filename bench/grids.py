@@ -28,6 +28,7 @@ from scheduler.traffic.guidance import Load, learned
 
 RESULTS = FilePath(__file__).parent / "results" / "grids.json"
 WARM_UP = 200
+WORK_MAX = 6_000_000  # of learning the guidance, some 4 s
 SAMPLES = 600  # ways by which the share of free flow is found
 
 Row = dict[str, float | str]
@@ -41,7 +42,7 @@ def guided(grid: Grid, plain: Costs, robots: int) -> Costs:
     """Prices with the guidance for so many robots."""
     places = sorted({grid.cell[xy] for kind in grid.floor.goals for xy in kind})
     load = Load(sources=places, goals=places, share=robots / len(grid.floor.cells))
-    return Costs(grid, Kinematics(), learned(plain, load))
+    return Costs(grid, Kinematics(), learned(plain, load, WORK_MAX))
 
 
 def free_flow(grid: Grid, plain: Costs, robots: int) -> float:
