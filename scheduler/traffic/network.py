@@ -2,11 +2,10 @@
 
 import heapq
 import math
-from collections.abc import Set
 
 import msgspec
 
-from ledger.ids import PathKey, PointName
+from ledger.ids import PointName
 from ledger.scene import Area, Path, Point, PointKind
 from scheduler.traffic.geometry import SMOOTH_RAD, Traces, trace, wrap
 from scheduler.traffic.parts import parts
@@ -31,13 +30,13 @@ class Network(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     goals: frozenset[int]  # points where something is done: by kind, or because a bin is there
 
 
-def network(area: Area, part_m: float = math.inf, whole: Set[PathKey] = frozenset()) -> Network:
+def network(area: Area, part_m: float = math.inf) -> Network:
     """Number an area; paths with an unknown end or no length are left out (see `check`), and those
-    of twice `part_m` and more are cut, but for those named in `whole`.
+    of twice `part_m` and more are cut.
     """
     points = list(area.points)
     named, number = len(points), {point.name: k for k, point in enumerate(points)}
-    found = parts(area, points, part_m, whole)
+    found = parts(area, points, part_m)
     paths = [part.path for part in found]
     start, end = [part.start for part in found], [part.end for part in found]
     traces = trace(

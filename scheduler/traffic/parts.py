@@ -5,7 +5,7 @@ inside it robots may stop, let others catch up, and turn back if they are pushed
 """
 
 import math
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 
 import msgspec
 
@@ -28,13 +28,11 @@ class Part(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     retreat: bool = False  # the map has it, but not in reverse
 
 
-def parts(
-    area: Area, points: list[Point], part_m: float = math.inf, whole: Set[PathKey] = frozenset()
-) -> list[Part]:
+def parts(area: Area, points: list[Point], part_m: float = math.inf) -> list[Part]:
     """All paths with two known ends and some length; new points are appended to `points`.
 
-    Paths of at least twice `part_m` are cut into equal parts of that length or more, but for those
-    named in `whole`. Both ways of a lane are cut at the same points.
+    Paths of at least twice `part_m` are cut into equal parts of that length or more; both ways of a
+    lane at the same points.
     """
     number = {point.name: k for k, point in enumerate(points)}
     found: list[Part] = []
@@ -49,7 +47,7 @@ def parts(
             continue
         one = Part(path=path, key=path.key, start=a, end=b, curve=curve, straight=straight)
         length = math.dist(curve[0], curve[-1]) if straight else poses_along(curve, 2, False)[0]
-        if length < 2 * part_m or path.key in whole:
+        if length < 2 * part_m:
             found.append(one)
             continue
         way_back = long.get(path_key(path.end, path.start))

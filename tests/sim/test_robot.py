@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ledger.link import Drive, Mark, Piece
 from sim.curves import wrapped
-from sim.robot import SimRobot, drive, has_way, place, step
+from sim.robot import SimRobot, drive, has_way, place, stands_on, step
 from tests.sim.routes import (
     KINEMATICS,
     distance,
@@ -86,6 +86,17 @@ def test_speed_and_acceleration_stay_within_their_limits(pieces: list[Piece], dt
             assert abs(robot.speed - before) <= max(accelerations) * dt_s + 1e-6
         assert robot.odometer_m - odometer <= KINEMATICS.speed_mps_max * dt_s + 1e-6
         before, odometer = robot.speed, robot.odometer_m
+
+
+def test_a_robot_whose_route_ends_inside_a_path_stands_on_no_point() -> None:
+    robot = robot_at_origin()
+    first, rest = straight(1, 0.0, 2.0), straight(2, 2.0, 3.0)
+    drive(robot, told([msgspec.structs.replace(first, inside=True)]))
+    run(robot)
+    assert stands_on(robot) is None
+    drive(robot, told([msgspec.structs.replace(rest, path=first.path)]))
+    run(robot)
+    assert stands_on(robot) == "P1"
 
 
 @given(pieces=routes())

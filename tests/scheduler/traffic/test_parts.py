@@ -1,19 +1,18 @@
 import math
-from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ledger.ids import PathKey, PointName, RobotName
+from ledger.ids import PointName, RobotName
 from ledger.scene import Group, Path, Point
+from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import Costs
 from scheduler.traffic.geometry import poses_along
 from scheduler.traffic.network import network
-from scheduler.traffic.parts import parts
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import area_of, both
 
@@ -70,15 +69,6 @@ def test_points_inside_a_path_are_no_points_of_the_area():
     assert (net.named, len(net.points)) == (2, 5)
     assert set(net.number) == {"A", "B"}
     assert network(area).points == list(area.points)
-
-
-def test_named_paths_stay_whole():
-    found = parts(lane((12.0, 0.0)), [], 3.0)
-    assert found == []
-    area = lane((12.0, 0.0))
-    kept = parts(area, list(area.points), 3.0, {PathKey("A->B")})
-    assert [part.key for part in kept].count("A->B") == 1
-    assert [part.key for part in kept].count("B->A") == 4
 
 
 def test_where_an_end_forbids_turning_so_do_the_points_inside():
@@ -138,11 +128,11 @@ def test_reversing_out_of_a_dead_end_is_open_only_to_whom_it_is_switched_on_for(
         assert cells == same[::-1]
 
 
-def test_a_robot_reverses_out_of_a_dead_end_where_it_may(monkeypatch):
-    monkeypatch.setattr("scheduler.traffic.traffic.Costs", partial(Costs, retreats=True))
+def test_a_robot_reverses_out_of_a_dead_end_where_it_may():
     made = Floor(comb(), (Group(id=0, name="g"),), {"R0": ("A", 0.0)}, [], seed=1)
     name = RobotName("R0")
     made.idle = {name}
+    made.traffic.tune(SceneConfig(reverse_out_of_deadlock=True))
     for orders, point in enumerate(("T", "C")):
         made.goals[name] = Goal(point=PointName(point), rank=(0, 0, name))
         backed = False
