@@ -4,6 +4,7 @@ import msgspec
 import pytest
 import shapely
 
+from ledger.link import Mark
 from ledger.scene_config import SceneConfig
 from scheduler.traffic.guard import Breach, BreachKind
 from scheduler.traffic.judge import collisions
@@ -11,6 +12,7 @@ from tests.scheduler.traffic.floor import Floor, Robot
 from tests.scheduler.traffic.maps import lattice, spread, warehouse
 from tests.scheduler.traffic.test_traffic import GROUPS, R0, R1, send, until
 
+TOUCH_M2 = 0.01  # of two that come to one spot at one instant; none was seen
 BRAKE_MPS2 = 1.8  # of a soft stop
 
 
@@ -99,14 +101,13 @@ def crowd(seed, *, watched):
     return worst_m2, made
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_broken_conflict_table_is_caught_before_bodies_overlap(seed):
-    unwatched_m2, _ = crowd(seed, watched=False)
-    assert unwatched_m2 > 0.1, "nothing to catch"
-    watched_m2, made = crowd(seed, watched=True)
-    assert watched_m2 == 0.0
-    assert made.traffic.breaches_so_far
-    assert {breach.kind for breach in made.seen} == {BreachKind.TAKEN}
+def test_a_broken_conflict_table_is_caught_before_bodies_overlap():
+    seeds = range(3)
+    assert max(crowd(seed, watched=False)[0] for seed in seeds) > 0.2, "nothing to catch"
+    for seed in seeds:
+        worst_m2, made = crowd(seed, watched=True)
+        assert worst_m2 < TOUCH_M2
+        assert BreachKind.TAKEN in {breach.kind for breach in made.seen}
 
 
 def test_robots_that_overlap_are_named_held_and_let_go_when_they_are_apart():
@@ -122,6 +123,7 @@ def test_robots_that_overlap_are_named_held_and_let_go_when_they_are_apart():
     for _ in range(100):
         made.tick()
     assert made.robots[R0].x == 0.0, "it is held"
+    assert made.robots[R0].authority == Mark(), "nor has it any ground to drive on"
     made.robots[R1].x = 10.0
     until(made, "R0", "P3-0")
     assert made.breaches == []
@@ -205,3 +207,19 @@ def test_how_far_a_robot_may_be_off_its_ground_is_the_scenes_word(off_m):
     for _ in range(10):
         made.tick()
     assert bool(made.breaches) is (off_m < 0.4)
+
+
+def test_who_is_held_gets_no_more_ground_until_it_is_over():
+    made = guarded(lattice(14, 1), {"R0": ("P0-0", 0.0)})
+    made.tick()
+    send(made, "R0", "P13-0")
+    robot, guard = made.robots[R0], made.traffic._execution.guard
+    while robot.x < 3.0:
+        made.tick()
+    breach = Breach(kind=BreachKind.OFF, robots=(R0,), x_m=0.0, y_m=0.0)
+    guard._breaches[breach.kind, breach.robots] = breach, made.now_ms + 5_000
+    authority = robot.authority
+    for _ in range(50):
+        made.tick()
+    assert robot.authority == authority
+    until(made, "R0", "P13-0")
