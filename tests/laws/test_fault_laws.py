@@ -17,6 +17,7 @@ from ledger.scene import Area, RobotConfig, SceneFile
 from ledger.state import StepTask
 from scheduler.traffic.traffic import Traffic
 from sim.faults import LATE, STANDARD, FaultMix
+from sim.people import push
 from sim.warehouses import generate
 from tests.laws.onlooker import Onlooker, bins_of, load, unload
 from tests.laws.test_traffic_laws import roads
@@ -77,6 +78,16 @@ def test_ground_is_exclusive_and_every_body_on_its_own_whatever_goes_wrong(area,
     made = yard(area, robots, seed, HARD) if robots * 6 <= len(area.points) else None
     if made is not None:
         made.run(60)
+
+
+@settings(max_examples=10, deadline=None)
+@given(SEEDS)
+def test_the_ground_of_a_robot_follows_it_when_it_is_pushed_off_its_stop(seed):
+    made = Yard(lattice(3, 3), {"R1": ("P1-1", 0.0)}, [], endless=False)
+    made.run(2)
+    robot = made.robots[RobotName("R1")]
+    assert push(robot, random.Random(seed), "anew", [robot]) is not None
+    made.run(2)
 
 
 @FEW
