@@ -23,6 +23,11 @@ IDLE_POCKET_S = 15.0  # and not into a dead end
 # Nor does one that is pushed on its way: whoever pushes may be bound for that dead end, and would
 # have it in front of itself again (found on a real map: three robots at it for ever).
 POCKET_S = 60.0
+# Who is pushed had better not go where the one that pushes is bound next, or it is pushed again and
+# again, all the way (fine lattice, 30 robots: 0.78 of free flow instead of 0.73, the longest wait
+# 46 s instead of 74 s).
+AHEAD_S = 6.0
+AHEAD_MOVES = 4
 
 FREE, TAKEN = -1, -2  # of a place, instead of the robot there
 STAY, TURN = -1, -2  # instead of a move; a turn in place at the goal
@@ -45,6 +50,7 @@ class _Planner:
         # place -> the robot there that has not been decided; TAKEN for good by one that has, by
         # one that pushes, or because the ground is closed
         self.at = [FREE] * count
+        self.bound = [0] * count  # how many that push will come here next
         self.needed = [0] * count  # by how many that push: nobody below them may end there
         self.position = [agent.place for agent in world.agents]
         self.wanted = {agent.goal for agent in world.agents}
@@ -84,7 +90,11 @@ class _Planner:
             return False
         self.visits[k] = visits + 1
         at, needed, here = self.at, self.needed, self.position[k]
-        for _, move, end, needs in self._options[k] or self.options(k):
+        options = self._options[k] or self.options(k)
+        if depth:
+            bound = self.bound
+            options = sorted((o[0] + AHEAD_S if bound[o[2]] else o[0], *o[1:]) for o in options)
+        for _, move, end, needs in options:
             if move == STAY:
                 if not needed[here]:
                     self.settle(k, here)
@@ -117,11 +127,33 @@ class _Planner:
                 in_way = True
         if self.pocketed and moves and not self.may_enter(k, moves):
             return False
-        if in_way and not self.clear(k, here, needs, depth):
-            return False
+        if in_way:
+            onward = self.onward(k, moves, end)
+            for place in onward:
+                self.bound[place] += 1
+            cleared = self.clear(k, here, needs, depth)
+            for place in onward:
+                self.bound[place] -= 1
+            if not cleared:
+                return False
         self.found.append((k, moves))
         self.settle(k, end)
         return True
+
+    def onward(self, k: int, moves: tuple[int, ...], place: int) -> list[int]:
+        """Places that it will want to go to next, after an operation that ends at `place`."""
+        agent, found = self.agents[k], list[int]()
+        if agent.goal is None or not moves:
+            return found
+        move = moves[-1]
+        while place != agent.goal and len(found) < AHEAD_MOVES:
+            heading = self.roadmap.heading_end[move]
+            ways = agent.costs.candidates(place, heading, agent.goal)
+            if not ways:
+                break
+            _, move, place, _ = min(ways)
+            found.append(place)
+        return found
 
     def clear(self, k: int, here: int, needs: tuple[int, ...], depth: int) -> bool:
         """Push away who is where robot k needs room, the lowest place first."""

@@ -166,3 +166,18 @@ def test_who_is_pushed_at_the_mouth_of_a_dead_end_is_not_pushed_into_it():
 
     assert found["B"], "it must make way"
     assert all(pockets.pocket[moves.end[move]] != aisle for move in found["B"])
+
+
+def test_who_is_pushed_evades_aside_and_not_along_the_way_of_the_one_that_pushes():
+    roadmap = compile_area(lattice(5, 2), GROUPS)
+    costs = Costs(roadmap, GROUPS[0].kinematics)
+    at = {name: roadmap.place[PointName(name)] for name in ("P0-0", "P1-0", "P1-1", "P4-0")}
+    world = World(
+        roadmap=roadmap,
+        agents=[
+            Agent(name="A", place=at["P0-0"], heading_rad=0.0, costs=costs, goal=at["P4-0"]),
+            Agent(name="B", place=at["P1-0"], heading_rad=0.0, costs=costs),
+        ],
+    )
+    found = dict(propose(world))
+    assert roadmap.moves.end[found["B"][-1]] == at["P1-1"]
