@@ -17,11 +17,12 @@ from scheduler.traffic.ahead import ahead
 from scheduler.traffic.answers import Answers
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.compile import compile_area
-from scheduler.traffic.costs import INFINITE, Costs
+from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.doors import DoorNow, Doors
 from scheduler.traffic.execution import Execution
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Breach
+from scheduler.traffic.guidance import SHARE, guided
 from scheduler.traffic.ladder import Ladder
 from scheduler.traffic.methods import planner_of
 from scheduler.traffic.planner import Distributed, Planner
@@ -48,6 +49,7 @@ class Traffic(Answers):
         cache: FilePath | None = None,
         point_distance_m: float = 0.3,
         think: Think = at_once,
+        guidance: float = SHARE,
     ) -> None:
         """Compile the area for these groups, or load it from the folder `cache`; `think` does what
         a planner takes long for.
@@ -58,10 +60,8 @@ class Traffic(Answers):
         self.grants = Grants(self.roadmap.conflicts, self.roadmap.cells.count)
         self._admission = Admission(scene, self.roadmap, self.grants, point_distance_m)
         self._retreats = False  # out of dead ends in reverse, too
-        self._costs = {
-            group.id: Costs(self.roadmap, group.kinematics)
-            for group in self.roadmap.groups.values()
-        }
+        self._guidance = guidance  # robots per stop that it is for; 0 = none
+        self._costs = guided(self.roadmap, guidance)
         self._reserved = Claims(self.roadmap, self.grants, self._costs)
         self._doors = Doors(self.roadmap, self.grants, self._costs)
         self._execution = Execution(self.roadmap, self.grants, self._admission, self._reserved)
@@ -98,8 +98,7 @@ class Traffic(Answers):
 
     def _price(self) -> None:
         """What driving costs, anew."""
-        for group in self.roadmap.groups.values():
-            self._costs[group.id] = Costs(self.roadmap, group.kinematics, retreats=self._retreats)
+        self._costs.update(guided(self.roadmap, self._guidance, self._retreats))
         self._doors.reprice()
         self._reserved.ways_changed()
         self._reserved.direct(self._tracks.values())

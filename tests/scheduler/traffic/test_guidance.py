@@ -7,7 +7,7 @@ from ledger.ids import PointName
 from ledger.scene import Group
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import Costs
-from scheduler.traffic.guidance import AGAINST, Load, learned, priced
+from scheduler.traffic.guidance import AGAINST, Load, guided, learned, priced
 from tests.scheduler.traffic.maps import lattice
 
 GROUP = Group(id=0, name="g")
@@ -79,3 +79,8 @@ def test_what_is_counted_on_the_floor_makes_the_other_way_dearer():
     assert extra[back] >= 0.1 * AGAINST * moves.count
     assert extra[0] < extra[back]
     assert sum(extra > 0) <= 1 + sum(end == moves.end[0] for end in moves.end)
+
+
+def test_guidance_can_be_switched_off():
+    assert guided(ROADMAP, 0.0)[0].move_s == PLAIN.move_s
+    assert guided(ROADMAP)[0].move_s != PLAIN.move_s
