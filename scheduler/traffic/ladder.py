@@ -175,7 +175,8 @@ class Ladder:
                 why = self._held_up(tracks, track, blockers, now_ms)
                 if why is not None:
                     self._note_vain(agent.name, agent.goal, why, world, now_ms)
-                continue
+                if why is not None or agent.place == agent.goal:
+                    continue  # else it drives, if only to and fro
             nearest = _region(world, k)
             since_ms = self._stalls.since_ms(agent.name) or now_ms
             if now_ms - since_ms < OTHERS_MS and _gives_way(world, k, nearest, stalled):

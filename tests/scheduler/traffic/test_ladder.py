@@ -9,6 +9,7 @@ from ledger.ids import PointName, RobotName
 from ledger.scene import Group
 from scheduler.goal import Goal
 from scheduler.traffic.ladder import ALARM_MS, RETRY_MS, WORKING_MS
+from scheduler.traffic.planner import Distributed
 from scheduler.traffic.stalls import STALL_MS
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import lattice, warehouse
@@ -154,6 +155,30 @@ def test_a_robot_that_has_leave_to_drive_and_does_not_is_named():
     made.robots[RobotName("B")].frozen_s = 0.0
     until_done(made)
     assert not stuck(made)
+
+
+class Astray(Distributed):
+    """A planner that is wrong: it keeps robots where they are farthest from their goals."""
+
+    def propose(self, world):
+        found = []
+        for agent in world.agents:
+            if agent.fixed or agent.goal is None:
+                continue
+            ends = world.roadmap.moves.end
+            ways = [
+                (-agent.costs.cost_s(ends[move], world.roadmap.heading_end[move], agent.goal), move)
+                for move in world.roadmap.leaving[agent.place]
+                if move not in agent.costs.closed_moves
+            ]
+            found.append((agent.name, (min(ways)[1],)))
+        return found
+
+
+def test_a_robot_that_is_driven_to_and_fro_for_ever_is_brought_to_its_goal():
+    made = floor(RING, {"A": "a"}, {"A": "c"})
+    made.traffic._planner = Astray()
+    until_done(made, 150)
 
 
 def crowd(seed):
