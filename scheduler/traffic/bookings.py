@@ -15,8 +15,8 @@ from scheduler.traffic.timetable import Kind, Timetable
 from scheduler.traffic.world import World
 
 EVER = float("inf")
-# Nobody knows when work at a goal ends: for so long others plan around it. (Measured: 0 and 10 s
-# are no better on lattices nor in aisles.)
+# Nobody knows when work at a goal ends: for so long others plan around it. (With 12 s aisles where
+# work takes 10 s did 615 orders an hour instead of 360, and the full lattice lost a sixth.)
 DWELL_S = 5.0
 Interval: TypeAlias = tuple[float, float, int]  # from, to, whose
 
