@@ -24,8 +24,8 @@ PLAN_MS_MAX = 2_000  # a plan is not followed for longer
 STATES_PER_MS = 6  # looked at in plain Python (measured: 5 on lattices, 12 in aisles)
 BUDGET_MS_MAX = 500  # a plan that took longer finds the robots somewhere else
 SHARE = 4  # of its time Venus plans a quarter at the most
-# While a robot's patience is so far gone (40 s without progress) PIBT proposes, which pushes: a plan
-# can have somebody wait for long (100 s in aisles). With 20 s PIBT had nearly all the proposals.
+# While a robot's patience is so far gone (40 s without progress) PIBT proposes, which pushes: a
+# plan can have somebody wait for long (100 s in aisles). With 20 s PIBT did nearly all of it.
 IMPATIENT_S = 15.0
 COSTS_MAX = 64  # copies kept: one by group, and one for each robot that owns reserved ground
 
