@@ -108,10 +108,10 @@ def aisles(lanes: str) -> Area:
         for y in range(2, AISLE_M - 1):
             name = mark(x, float(y), PointKind.ACTION)
             bins.append(Bin(name=BinName(name), point=name))
-    last = (AISLES - 1) * PITCH_M
-    for y in sorted({0.0, -gap, AISLE_M, AISLE_M + gap}):
-        start = (last, y) if y >= AISLE_M else (0.0, y)
-        line(start, -1 if y >= AISLE_M else 1, 0, last, both=lanes != "one-way")
+    east = (AISLES - 1) * PITCH_M
+    for level in sorted({0.0, -gap, float(AISLE_M), AISLE_M + gap}):
+        start = (east, level) if level >= AISLE_M else (0.0, level)
+        line(start, -1 if level >= AISLE_M else 1, 0, east, both=lanes != "one-way")
     for k in range(STUBS):
         line((k * PITCH_M, -gap), 0, -1, STUB_M)
         mark(k * PITCH_M, -gap - STUB_M, PointKind.PARKING)
