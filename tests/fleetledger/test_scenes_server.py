@@ -53,7 +53,10 @@ def test_a_scene_lives_through_restarts(tmp_path: Path) -> None:
     with serving(data, *OPTIONS) as server:
         (listed,) = server.get("/api/fleet/scenes/list")
         assert (listed["disabled"], listed["displayOrder"]) == (True, 5)
-        assert refused(server, f"{of}/config/patch", {"cpnEnabled": True}) == "errSceneConfigUnsupported"
+        assert (
+            refused(server, f"{of}/config/patch", {"cpnEnabled": True})
+            == "errSceneConfigUnsupported"
+        )
         server.post(f"{of}/config/patch", {"parkingPaused": True})
         server.post(f"{of}/disable", {"disabled": False})
         server.post(f"{of}/dispatch-pause", {"paused": False})
