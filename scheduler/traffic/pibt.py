@@ -247,6 +247,8 @@ class _Planner:
         """The token of a pocket: past nobody. All inside must have goals deeper than one's own,
         and none may want out; who has no goal inside enters an empty pocket only.
         """
+        if self.agents[k].leaving:  # what it must pass on its way out counts as dead ends too
+            return True
         here = self.pocket[self.agents[k].place]
         for move in moves:
             pocket = self.pocket[self.roadmap.moves.end[move]]
