@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from ledger.errors import LedgerError, Refused, next_step
 
-errors = Console(stderr=True)
+errors = Console(stderr=True, soft_wrap=True)  # a path that is wrapped cannot be copied
 
 
 class told:

@@ -42,6 +42,7 @@ ASKED: dict[str, Any] = {
     "GET /api/replay/frame": {},
     "GET /api/replay/map": {"sceneId": "{scene}"},
     "GET /api/replay/order-story": {"orderId": "{order}"},
+    "GET /api/replay/waits": {"sceneId": "{scene}"},
 }
 NOT_ASKED = {
     "GET /api/ping": "tells whether the server answers now",
