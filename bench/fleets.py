@@ -58,9 +58,8 @@ def warehouse(robots: int, mix: FaultMix, seed: int = 1) -> Yard:
 
 
 def measured(yard: Yard, hours: float) -> Row:
-    """Run for so long, and give what came of it."""
+    """Run for so long, and give what came of it; ends at an overlap, and tells of a stall."""
     yard.run(hours * 3600, grants_every=GRANTS_EVERY)
-    assert yard.unnamed_ms < STALL_MS, yard.stall
     return {
         "robots": float(len(yard.robots)),
         "simulated_h": hours,

@@ -28,6 +28,11 @@ class WaitReason(StrEnum):
     LATE = "Late"  # it has been granted ground, and does not drive
 
 
+def awaited(reason: WaitReason, blockers: tuple[RobotName, ...]) -> tuple[RobotName, ...]:
+    """Give those whom it waits for: not the one that it makes way for, which waits for it."""
+    return () if reason is WaitReason.PUSHED else blockers
+
+
 class Wait(Value, frozen=True, kw_only=True):
     """One robot that waits. Blockers are named as in `link.Plan.blocked_by`: robots, and after
     EXTERNAL the owner of reserved ground, after DOOR the name of a door; empty = nobody else.
@@ -38,6 +43,11 @@ class Wait(Value, frozen=True, kw_only=True):
     reason: WaitReason
     blockers: tuple[RobotName, ...] = ()
     place: PointName | None = None  # the point that it cannot get to next
+
+    @property
+    def awaited(self) -> tuple[RobotName, ...]:
+        """Whom it waits for."""
+        return awaited(self.reason, self.blockers)
 
 
 class Chain(Value, frozen=True, kw_only=True):
@@ -66,7 +76,7 @@ def chains(waits: Iterable[Wait]) -> list[Chain]:
     in a chain decides its place. Of robots that wait for each other, one chain begins at one.
     """
     by_robot = {wait.robot: wait for wait in waits}
-    blocking = {name for wait in by_robot.values() for name in wait.blockers}
+    blocking = {name for wait in by_robot.values() for name in wait.awaited}
     left = dict(by_robot)
     found = []
     for names in ([name for name in by_robot if name not in blocking], by_robot):
@@ -84,9 +94,9 @@ def _follow(by_robot: Mapping[RobotName, Wait], name: RobotName) -> Chain:
     links: dict[RobotName, Wait] = {}
     while True:
         wait = links[name] = by_robot[name]
-        waiting = [by_robot[other] for other in wait.blockers if other in by_robot]
+        waiting = [by_robot[other] for other in wait.awaited if other in by_robot]
         if not waiting:
-            root = wait.blockers[0] if wait.blockers else None
+            root = wait.awaited[0] if wait.awaited else None
             return Chain(waits=tuple(links.values()), root=root)
         name = min(waiting, key=lambda other: (other.since_ms, other.robot)).robot
         if name in links:

@@ -9,7 +9,7 @@ from ledger.link import Plan, Report
 from ledger.moment import At
 from ledger.scene import Scene
 from ledger.state import Fleet, Order
-from ledger.waits import cycles
+from ledger.waits import awaited, cycles
 from replay.frame import Frame, MapFrame, Wish, build
 from replay.source import Source
 from replay.story import Story, tell
@@ -117,7 +117,7 @@ async def waiting_at(source: Source, scene: SceneId | None, as_of_ms: int | None
         scene=frame.scene,
         waits=frame.waits,
         chains=frame.chains,
-        cycles=tuple(cycles({wait.robot: wait.blockers for wait in frame.waits})),
+        cycles=tuple(cycles({w.robot: awaited(w.reason, w.blockers) for w in frame.waits})),
     )
 
 

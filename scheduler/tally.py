@@ -69,7 +69,7 @@ class Tally:
                 since_ms = until_ms = max(since_ms, self._from_ms)
             self._open[robot] = key, since_ms, now_ms
             self._add(key, since_ms, until_ms, now_ms, goes_on=goes_on)
-        self._take_rings(cycles({robot: wait.blockers for robot, wait in found.items()}), now_ms)
+        self._take_rings(cycles({robot: wait.awaited for robot, wait in found.items()}), now_ms)
 
     def _add(self, key: _Key, since_ms: int, until_ms: int, now_ms: int, *, goes_on: bool) -> None:
         found = self._sums.get(key)

@@ -120,13 +120,13 @@ class Waits:
         found: dict[RobotName, Wait] = {}
         stands: dict[RobotName, tuple[bool, int]] = {}
         for name, track in floor.tracks.items():
-            pushed = self._pushed.get(name)
-            if pushed is not None and not track.driven:
+            pushed, moves = self._pushed.get(name), self._moves(name, track)
+            if pushed is not None and not track.driven and (moves or _may_drive(track)):
                 by, since_ms = pushed
                 place = self._name(track.goal)
                 found[name] = _wait(name, since_ms, (WaitReason.PUSHED, (by,), place))
                 continue
-            why = None if self._moves(name, track) else self._why(track, floor, at)
+            why = None if moves else self._why(track, floor, at)
             if why is None:
                 continue
             late = why[0] is WaitReason.LATE

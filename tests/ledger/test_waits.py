@@ -8,11 +8,16 @@ NAMES = [RobotName(f"R{k}") for k in range(7)]
 OUTSIDE = RobotName("external:maintenance")
 
 
-def wait(robot: str, *blockers: str, since_ms: int = 0) -> Wait:
+def wait(
+    robot: str,
+    *blockers: str,
+    since_ms: int = 0,
+    reason: WaitReason = WaitReason.BEHIND_ROBOT,
+) -> Wait:
     return Wait(
         robot=RobotName(robot),
         since_ms=since_ms,
-        reason=WaitReason.BEHIND_ROBOT,
+        reason=reason,
         blockers=tuple(map(RobotName, blockers)),
     )
 
@@ -75,3 +80,12 @@ def test_cycles_are_those_who_can_be_reached_from_each_other(waits: list[Wait]):
         if a in reach[a]
     }
     assert cycles(edges_of(waits)) == sorted(lot for lot in lots if len(lot) > 1)
+
+
+def test_who_makes_way_does_not_wait_for_the_one_that_it_makes_way_for():
+    pushed = wait("A", "B", reason=WaitReason.PUSHED)
+    waiting = wait("B", "A")
+    (chain,) = chains([pushed, waiting])
+    assert [w.robot for w in chain.waits] == ["B", "A"]
+    assert not chain.closed and chain.root is None
+    assert cycles({w.robot: w.awaited for w in (pushed, waiting)}) == []
