@@ -7,7 +7,7 @@ from ledger.ids import PointName
 from ledger.scene import Group
 from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import Costs
-from scheduler.traffic.guidance import AGAINST, Load, guided, learned, priced
+from scheduler.traffic.guidance import AGAINST, WAYS_OUT_MAX, Load, guided, learned, priced
 from tests.scheduler.traffic.maps import lattice
 
 GROUP = Group(id=0, name="g")
@@ -84,3 +84,10 @@ def test_what_is_counted_on_the_floor_makes_the_other_way_dearer():
 def test_guidance_can_be_switched_off():
     assert guided(ROADMAP, 0.0)[0].move_s == PLAIN.move_s
     assert guided(ROADMAP)[0].move_s != PLAIN.move_s
+
+
+def test_where_stops_have_many_ways_out_there_is_no_guidance():
+    """It sent robots on detours: on an open grid they did half of what they did without."""
+    grid = compile_area(lattice(14, 14, 0.7), [GROUP])
+    assert grid.moves.count > WAYS_OUT_MAX * grid.places.stops
+    assert guided(grid)[0].move_s == Costs(grid, GROUP.kinematics).move_s
