@@ -32,8 +32,9 @@ def continue_(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[
         proposals.extend(_put_off(view, robot, at, withdrawn))
         if at is None or at.order.id in withdrawn:
             continue
-        proposals.extend(_advance(view, robot, at))
-        proposals.extend(_explain(view, robot, at, now_ms))
+        found = _advance(view, robot, at)
+        # What gets on has no reason not to; it may even have ended by what was just proposed.
+        proposals.extend(found or _explain(view, robot, at, now_ms))
     return proposals
 
 

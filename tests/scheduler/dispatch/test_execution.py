@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ledger.events import OrderAssigned, StepStarted
+from ledger.events import ExecutionRejected, OrderAssigned, StepStarted
 from ledger.ids import BinName, PointName, RobotName
-from ledger.proposals import RejectExecution
+from ledger.proposals import FinishStep, RejectExecution
 from ledger.scene import Bin, BinTask, Point
 from ledger.state import Step, StepTask
 from scheduler.dispatch.continue_ import continue_
@@ -109,3 +109,19 @@ def test_a_load_is_not_taken_before_there_is_room_for_it_and_that_is_said() -> N
     view = situation.view()
     assert due_action(view, view.robots[robot], NOW_MS) is not None
     assert not [p for p in continue_(view, (), NOW_MS) if isinstance(p, RejectExecution)]
+
+
+def test_no_reason_is_taken_back_from_an_order_that_ends_by_its_last_step() -> None:
+    situation = Situation()
+    spot = situation.core.fleet.scenes[SCENE].areas[0].points[0]
+    situation.robot("A", spot.x_m)
+    situation.happen(order(1, StepTask(location=spot.name)))
+    id_ = next(iter(situation.core.fleet.orders))
+    robot = RobotName("A")
+    situation.happen(
+        OrderAssigned(scene=SCENE, order=id_, robot=robot, bin=0, cost_s=0.0),
+        StepStarted(scene=SCENE, order=id_, step=0, robot=robot),
+        ExecutionRejected(scene=SCENE, order=id_, code=Why.NO_ROUTE.value),
+    )
+    (finished,) = continue_(situation.view(), (), NOW_MS)
+    assert finished == FinishStep(scene=SCENE, order=id_, step=0, robot=robot)
