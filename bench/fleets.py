@@ -10,9 +10,7 @@ import argparse
 import time
 from math import inf
 
-from rich.console import Console
-from rich.table import Table
-
+from bench.tables import show
 from ledger.scene_config import SceneConfig, TrafficMethod
 from sim.faults import LATE, STANDARD, FaultMix
 from sim.warehouses import for_robots
@@ -141,15 +139,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    table = Table(title="fleets")
-    found = rows(quick=parser.parse_args().quick)
-    columns = list(dict.fromkeys(key for row in found for key in row))
-    for column in columns:
-        table.add_column(column, justify="right")
-    for row in found:
-        values = (row.get(column, "") for column in columns)
-        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in values))
-    Console(width=180).print(table)
+    show("fleets", rows(quick=parser.parse_args().quick))
 
 
 if __name__ == "__main__":

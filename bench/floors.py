@@ -14,12 +14,12 @@ from functools import partial
 from itertools import pairwise
 
 import msgspec
-from rich.console import Console
-from rich.table import Table
 
+from bench.tables import show
 from ledger.ids import BinName, PointName
 from ledger.scene import XY, Area, Bin, Group, Kinematics, Path, Point, PointKind
 from tests.scheduler.traffic.floor import DT_S, Floor
+from tests.scheduler.traffic.maps import area_of
 
 GROUPS = (Group(id=0, name="g", kinematics=Kinematics(turn_radps2_max=1e6)),)
 LATE = 0.1
@@ -68,7 +68,7 @@ def lattice(side: int, pitch_m: float, spacing_m: float) -> Area:
         for a, b in pairwise(range(last + 1)):
             for start, end in ((point(a, lane), point(b, lane)), (point(lane, a), point(lane, b))):
                 paths += [Path(start=start, end=end), Path(start=end, end=start)]
-    return _area(list(points.values()), paths, [])
+    return area_of(list(points.values()), paths)
 
 
 def aisles(lanes: str) -> Area:
@@ -115,19 +115,7 @@ def aisles(lanes: str) -> Area:
     for k in range(STUBS):
         line((k * PITCH_M, -gap), 0, -1, STUB_M)
         mark(k * PITCH_M, -gap - STUB_M, PointKind.PARKING)
-    return _area(list(points.values()), paths, bins)
-
-
-def _area(points: list[Point], paths: list[Path], bins: list[Bin]) -> Area:
-    return Area(
-        id=0,
-        name="floor",
-        map_name="floor",
-        map_digest="",
-        points=tuple(points),
-        paths=tuple(paths),
-        bins=tuple(bins),
-    )
+    return area_of(list(points.values()), paths, bins)
 
 
 def _crossings(area: Area) -> list[PointName]:
@@ -269,13 +257,7 @@ def report(title: str, rows: Callable[[bool, str], list[Row]], about: str | None
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--only", default="", help="instances with this in their names")
     given = parser.parse_args()
-    found = rows(given.quick, given.only)
-    table = Table(title=title)
-    for column in found[0]:
-        table.add_column(column, justify="right")
-    for line in found:
-        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in line.values()))
-    Console(width=200).print(table)
+    show(title, rows(given.quick, given.only))
 
 
 if __name__ == "__main__":
