@@ -17,7 +17,8 @@ EAST, NORTH, WEST, SOUTH = (1, 0), (0, 1), (-1, 0), (0, -1)
 AROUND = (EAST, NORTH, WEST, SOUTH)
 # In the rows of the stations, by column modulo 6; in the lowest row, and in the highest.
 DETOURS = ({0: (-1,), 1: (1,), 2: (1,), 5: (-1,)}, {2: (-1,), 3: (-1,), 4: (1,), 5: (1,)})
-MOVINGAI = FilePath(__file__).parents[1] / "../shared/data/movingai"
+# Not ours to hand on: used where it is beside this repository.
+MOVING_AI = FilePath(__file__).parents[1] / "../shared/data/movingai"
 
 
 class Floor(msgspec.Struct, frozen=True, kw_only=True):

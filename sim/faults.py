@@ -3,7 +3,7 @@
 Design notes, traffic §8: late moves, frozen robots, jumps of at most half a metre, lost reports,
 closed paths, reserved lanes, restarts. The simulator strikes its own robots and their reports with
 the first part; the second part is of the surroundings, and of use to whoever runs a whole site on
-virtual time (`fleetledger/surroundings.py`).
+virtual time (`tests/surroundings.py`).
 """
 
 import msgspec

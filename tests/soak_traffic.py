@@ -18,7 +18,6 @@ import shapely
 import structlog
 
 from fleetledger.shift import Shift
-from fleetledger.surroundings import Surroundings
 from ledger.ids import RobotName, robot_key
 from ledger.link import Plan
 from ledger.state import OrderKind, StepTask
@@ -27,6 +26,7 @@ from sim.faults import MIXES, FaultMix
 from sim.robot import SimRobot, place
 from sim.warehouses import for_robots
 from tests.laws.yard import MOVING_MS, STALL_MS, explained, near_others
+from tests.surroundings import Surroundings
 
 ROOT = Path(__file__).parent.parent
 KEPT = ROOT / "data" / "soak-traffic.jsonl"

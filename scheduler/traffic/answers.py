@@ -37,15 +37,6 @@ class Answers:
         track = self._tracks.get(robot)
         return None if track is None else track.trouble
 
-    def can_rest(self, point: PointName) -> bool:
-        """May an order end here: a stop, or a point that robots may visit for an order only."""
-        return point in self.roadmap.place
-
-    def can_park(self, point: PointName) -> bool:
-        """May a robot stay here: a stop, where it hinders nobody that rests elsewhere."""
-        place = self.roadmap.place.get(point)
-        return place is not None and place < self.roadmap.places.stops
-
     def stands_at(self, robot: RobotName, point: PointName) -> bool:
         """Does it rest there with nothing committed beyond: a state, not an event."""
         track = self._tracks.get(robot)

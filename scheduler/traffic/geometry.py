@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from ledger.scene import XY, Area, Path
+from ledger.scene import XY
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 Polygons: TypeAlias = npt.NDArray[np.object_]
@@ -140,12 +140,6 @@ class Traces(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     heading_end: list[float]
     # Piece numbers and their poses (n, samples, 3), for each number of samples
     batches: list[tuple[npt.NDArray[np.int64], Floats]]
-
-
-def curve_of(area: Area, path: Path) -> tuple[XY, ...]:
-    """All control points of a path of this area."""
-    ends = {point.name: (point.x_m, point.y_m) for point in area.points}
-    return (ends[path.start], *path.controls, ends[path.end])
 
 
 def trace(

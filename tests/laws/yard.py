@@ -13,7 +13,6 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import shapely
 
-from fleetledger.surroundings import Stranger
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import DISPATCHER, Plan, Report
 from ledger.scene import XY, Area, Group, RobotConfig, Scene
@@ -25,6 +24,7 @@ from scheduler.traffic.traffic import Traffic
 from sim.faults import NONE, FaultMix
 from sim.robot import SimRobot, place
 from sim.world import World
+from tests.surroundings import Stranger
 
 SCENE = SceneId("0123456789abcdef01234567")
 GROUP = Group(id=0, name="g")

@@ -336,8 +336,6 @@ def test_what_cannot_be_reached_costs_infinitely_much():
     made.tick()
     assert made.traffic.cost_s(R0, PointName("nowhere")) == math.inf
     assert made.traffic.cost_s(RobotName("nobody"), PointName("P0-0")) == math.inf
-    assert not made.traffic.can_rest(PointName("nowhere"))
-    assert made.traffic.can_rest(PointName("P0-0"))
 
 
 def test_a_plan_shows_ground_target_and_who_is_waited_for():
