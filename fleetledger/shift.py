@@ -17,7 +17,7 @@ from commands.scenes import ImportScene, scene_digest
 from fleetledger.proposing import responder
 from fleetledger.roles import SchedulerRole
 from ledger.bus import LAST_KEY, PROPOSE_KEY, MemoryBus
-from ledger.evolve import evolve
+from ledger.evolve import fold
 from ledger.feed import FeedFollower, FeedServer
 from ledger.ids import CommandId, OrderId, SceneId
 from ledger.link import Plan, Report
@@ -123,10 +123,7 @@ class Shift:
 
     def restart_core(self) -> None:
         """Lose the core, and have another go on from the ledger; those who follow it stay."""
-        fleet = Fleet()
-        for event in self.ledger.read(0):
-            evolve(fleet, event)
-        self.handler = self._handler(fleet)
+        self.handler = self._handler(fold(Fleet(), self.ledger.read(0)))
         self.bus.respond(PROPOSE_KEY, responder(self.handler, self.ledger))
 
     def restart_scheduler(self) -> None:

@@ -22,7 +22,7 @@ class StuckLog:
         """Tell what is new in these plans; robots without one are as they were."""
         for plan in plans:
             key = robot_key(plan.scene, plan.robot)
-            text = None if plan.alarm is None else plan.alarm.message
+            text = None if plan.stuck is None else plan.stuck.message
             if text == self._told.get(key):
                 continue
             if text is None:

@@ -73,7 +73,7 @@ class TrafficFigures:
             labels=["scene"],
         )
         for scene in sorted(longest_ms):
-            alarmed = [plan for plan in fresh if plan.scene == scene and plan.alarm is not None]
+            alarmed = [plan for plan in fresh if plan.scene == scene and plan.stuck is not None]
             stuck.add_metric([scene], len(alarmed))
         yield robots
         yield longest

@@ -221,6 +221,9 @@ DOOR = "door:"  # before the name of a door, where robots' names stand too
 EXTERNAL = "external:"  # before the owner of reserved ground, where robots' names stand too
 
 
+STUCK = "TrafficStuck"  # code of the alarm of a robot that cannot get on without a person
+
+
 class Plan(Value, frozen=True, kw_only=True):
     """What the scheduler intends with a robot just now, for those who look on; not a command."""
 
@@ -235,7 +238,12 @@ class Plan(Value, frozen=True, kw_only=True):
     commit: int = 0  # number of its newest committed move, 0 = none
     moving: bool = False
     wait: Wait | None = None  # why it stands, if it should not
-    alarm: Alarm | None = None  # it cannot get on without a person, and why
+    alarm: Alarm | None = None  # STUCK, or what the guard of traffic holds it for
+
+    @property
+    def stuck(self) -> Alarm | None:
+        """Why it cannot get on without a person, if it cannot."""
+        return self.alarm if self.alarm is not None and self.alarm.code == STUCK else None
 
 
 class DoorStatus(StrEnum):

@@ -4,7 +4,7 @@ from collections.abc import Container
 from itertools import islice
 
 from ledger.ids import RobotName, SceneId
-from ledger.link import DOOR, EXTERNAL, Alarm, AlarmLevel, Plan, Space
+from ledger.link import DOOR, EXTERNAL, STUCK, Alarm, AlarmLevel, Plan, Space
 from ledger.waits import Wait
 from scheduler.goal import Goal
 from scheduler.traffic.grants import Grants
@@ -13,7 +13,6 @@ from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import Track
 
 SPACES_MAX = 32  # polygons per plan
-STUCK = "TrafficStuck"  # code of the alarm of a robot that cannot get on without a person
 
 
 class Shown:

@@ -70,9 +70,12 @@ def test_what_the_scheduler_counts_is_told_as_counters():
 
 
 def test_robots_that_cannot_get_on_are_told_and_what_was_tried_is_counted():
-    key, stuck = plan("A", 99_000)
-    alarm = Alarm(level=AlarmLevel.ERROR, code="TrafficStuck", message="no way")
-    plans = dict([plan("B", 99_000), (key, msgspec.structs.replace(stuck, alarm=alarm))])
+    plans = dict([plan("B", 99_000)])
+    # C is held by the guard, which lets it go by itself
+    for robot, code in (("A", "TrafficStuck"), ("C", "BodiesOverlap")):
+        key, one = plan(robot, 99_000)
+        alarm = Alarm(level=AlarmLevel.ERROR, code=code, message="no way")
+        plans[key] = msgspec.structs.replace(one, alarm=alarm)
     lines = figures(plans, MemoryBus())
     assert f'fleetledger_traffic_stuck_robots{{scene="{SCENE}"}} 1.0' in lines
     told = f'fleetledger_traffic_ladder_total{{scene="{SCENE}",what="rescues"}} 4.0'
