@@ -54,7 +54,6 @@ class AnalystRole:
         self._read = partial(read_folder, data / "ledger")
         self._moved = Condition()
         self._wanted, self._reached = 0, 0
-        self._stopped = False
         self._bytes_idle = 0  # what the process has when no statement runs
         self._analytics: Analytics | None = None
         self._running: dict[int, Breaker] = {}
@@ -82,12 +81,10 @@ class AnalystRole:
             self._threads.submit(self._answer, message)
 
     def follow(self) -> None:
-        """Keep the tables at the position that is wanted, until told to stop."""
+        """Keep the tables at the position that is wanted, for good."""
         with self._moved:
-            self._moved.wait_for(lambda: self._stopped or self._wanted > 0)
+            self._moved.wait_for(lambda: self._wanted > 0)
             newest = self._wanted
-        if self._stopped:
-            return
         spill = self._data / "analytics.spill"
         shutil.rmtree(spill, ignore_errors=True)  # what a process that was killed has left
         analytics = Analytics.open(
@@ -99,24 +96,9 @@ class AnalystRole:
         while True:
             self._tell(self._analytics.position)
             with self._moved:
-                self._moved.wait_for(lambda: self._stopped or self._wanted > self._reached)
+                self._moved.wait_for(lambda: self._wanted > self._reached)
                 wanted = self._wanted
-            if self._stopped:
-                self._threads.shutdown()
-                self._analytics.close()
-                return
-            self._analytics.catch_up(
-                self._read,
-                wanted,
-                progress=lambda done, _: self._tell(done),
-                stop=lambda: self._stopped,
-            )
-
-    def stop(self) -> None:
-        """Have `follow` close the tables and return."""
-        with self._moved:
-            self._stopped = True
-            self._moved.notify_all()
+            self._analytics.catch_up(self._read, wanted, progress=lambda done, _: self._tell(done))
 
     def _fleet_at(self, position: int) -> Fleet:
         return restore(self._data / "ledger", self._data / "snapshots", position=position)

@@ -152,9 +152,8 @@ class Analytics:
         read: Read,
         until: int,
         progress: Callable[[int, int], None] = lambda done, total: None,
-        stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Commit all up to a position; `stop` is asked between transactions."""
+        """Commit all up to a position, in transactions of so many events."""
         if self.position >= until:
             return
         for event in read(self.position):
@@ -164,8 +163,6 @@ class Analytics:
             if len(self._events) == BATCH_EVENTS:
                 self.commit()
                 progress(self.position, until)
-                if stop():
-                    return
         self.commit()
 
     def commit(self) -> None:

@@ -1,19 +1,17 @@
 """Every question of docs/sql.md is asked over a history, by both ways, and answered rightly."""
 
+import asyncio
 from collections import Counter, defaultdict
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from queue import Queue
 from statistics import mean, quantiles
-from threading import Thread
 from typing import Any
 
 import msgspec
 import pytest
 
-from fleetledger.analyst_frames import HEAD_BYTES, Asked, head
-from fleetledger.analyst_role import AnalystRole
+from fleetledger.analyst import Analyst
+from fleetledger.config import Settings
 from ledger.events import (
     AssignmentRejected,
     DeviceFaulted,
@@ -67,38 +65,22 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class Role:
-    """The analyst's role in this process: all of POST /api/sql but the pipes."""
-
-    def __init__(self, data: Path) -> None:
-        self._answers: Queue[bytes] = Queue()
-        self._role = AnalystRole(data, 20.0, 1_000, self._answers.put)
-        self._follower = Thread(target=self._role.follow)
-        self._follower.start()
-
-    def ask(self, sql: str) -> tuple[list[Row], int]:
-        asked = Asked(number=1, sql=sql, rows_max=100_000, position=len(LOG.events))
-        self._role.take(asked)
-        raw = self._answers.get(timeout=60)
-        number, status, position, length = head(raw[:HEAD_BYTES])
-        body = raw[HEAD_BYTES:]
-        assert (number, status, length) == (1, 200, len(body)), body
-        return msgspec.json.decode(body)["rows"], position
-
-    def close(self) -> None:
-        self._role.stop()
-        self._follower.join()
+async def all_answered(data: Path) -> dict[str, list[Row]]:
+    """Ask as POST /api/sql does: a process of its own, whose limits are not those of the tests."""
+    settings = Settings(data=data, sql_seconds=20.0, sql_memory_mb=1_000)
+    analyst = Analyst(settings, lambda: len(LOG.events))
+    found = {}
+    for question in QUESTIONS:
+        answered = await analyst.ask(question.sql, 100_000)
+        assert (answered.status, answered.position) == (200, len(LOG.events)), answered.body
+        found[question.title] = msgspec.json.decode(answered.body)["rows"]
+    await analyst.close()
+    return found
 
 
 @pytest.fixture(scope="module")
-def answers(data: Path) -> Iterator[dict[str, list[Row]]]:
-    role = Role(data)
-    found = {}
-    for question in QUESTIONS:
-        found[question.title], position = role.ask(question.sql)
-        assert position == len(LOG.events)
-    yield found
-    role.close()
+def answers(data: Path) -> dict[str, list[Row]]:
+    return asyncio.run(all_answered(data))
 
 
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda q: q.title)

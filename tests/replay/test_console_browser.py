@@ -9,15 +9,7 @@ from pathlib import Path
 import pytest
 import uvicorn
 from fastapi import FastAPI
-from playwright.sync_api import (
-    Browser,
-    ConsoleMessage,
-    Error,
-    Page,
-    Playwright,
-    expect,
-    sync_playwright,
-)
+from playwright.sync_api import ConsoleMessage, Page, expect, sync_playwright
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -106,26 +98,14 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     running.close()
 
 
-def opened(playwright: Playwright, chromium: str) -> tuple[Browser, Page]:
-    """A browser and its page; the first page of a Chromium crashes at times (seen once)."""
-    for last in (False, False, True):
-        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
-        try:
-            return browser, browser.new_page(viewport={"width": 1280, "height": 800})
-        except Error:
-            browser.close()
-            if last:
-                raise
-    raise AssertionError("never here")
-
-
 @pytest.fixture(scope="module")
 def page(running: Running) -> Iterator[Page]:
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
     with sync_playwright() as playwright:
-        browser, page = opened(playwright, chromium)
+        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.set_default_timeout(20_000)
         yield page
         browser.close()
