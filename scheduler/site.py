@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from operator import is_
 
 from ledger.ids import PointName, RobotName
 from ledger.link import Drive, Plan, Report, TellRoute, ToDevice
@@ -238,7 +239,7 @@ class Site:
 
     def _robot(self, fleet: Fleet, robot: Robot) -> RobotView:
         name = robot.name
-        orders = tuple(fleet.orders[o] for o in robot.orders if o in fleet.orders)
+        orders = tuple([fleet.orders[o] for o in robot.orders if o in fleet.orders])
         memo = self._memo.get(name)
         if memo is None or not _identical(memo[0], orders):
             memo = self._memo[name] = (orders, current(orders))
@@ -367,6 +368,4 @@ class Site:
 
 
 def _identical(before: tuple[Order, ...], now: tuple[Order, ...]) -> bool:
-    if len(before) != len(now):
-        return False
-    return all(a is b for a, b in zip(before, now, strict=True))
+    return len(before) == len(now) and all(map(is_, before, now))

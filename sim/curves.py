@@ -9,6 +9,7 @@ from ledger.scene import XY, Value
 
 SAMPLE_M = 0.025  # between two entries; a chord misses a curve of radius 1 m by 0.1 mm
 SAMPLES_MAX = 2000
+SPOT_M = 0.25
 CURVES_MAX = 4096  # tables kept
 
 
@@ -21,6 +22,7 @@ class Track(Value, frozen=True, kw_only=True):
     ys_m: tuple[float, ...]
     headings_rad: tuple[float, ...]  # of the tangent, without jumps of a full turn
     curvature_max: float  # 1/m
+    spots_m: tuple[XY, ...]  # some of the points, SPOT_M apart: to see who is near
 
 
 def wrapped(angle_rad: float) -> float:
@@ -78,7 +80,18 @@ def track(curve: tuple[XY, ...]) -> Track:
         ys_m=tuple(y for _, y in points),
         headings_rad=tuple(headings),
         curvature_max=curvature,
+        spots_m=_spots(points, distances),
     )
+
+
+def _spots(points: list[XY], distances_m: list[float]) -> tuple[XY, ...]:
+    spots = []
+    reached_m = -SPOT_M
+    for at_m, point in zip(distances_m, points, strict=True):
+        if at_m - reached_m >= SPOT_M:
+            reached_m = at_m
+            spots.append(point)
+    return tuple(spots)
 
 
 def pose(track: Track, along_m: float) -> tuple[float, float, float, float]:

@@ -9,7 +9,6 @@ from ledger.scene import XY, Area, Group, Path, Point, PointKind, Value
 from sim.robot import SimRobot, place
 
 CLEARANCE_M = 0.05
-ROUTE_SAMPLE_M = 0.25  # a route that has been granted is kept clear too
 _ORDER = {
     PointKind.PARKING: 0,
     PointKind.CHARGING: 1,
@@ -81,14 +80,8 @@ def taken(robot: SimRobot) -> Iterator[XY]:
     yield x, y
     for leg in robot.legs:
         yield leg.piece.curve[-1]
-        if leg.track is None:
-            continue
-        reached_m = -ROUTE_SAMPLE_M
-        table = leg.track
-        for at_m, x, y in zip(table.distances_m, table.xs_m, table.ys_m, strict=True):
-            if at_m - reached_m >= ROUTE_SAMPLE_M:
-                reached_m = at_m
-                yield x, y
+        if leg.track is not None:
+            yield from leg.track.spots_m
 
 
 def free_place(

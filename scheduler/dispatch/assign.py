@@ -81,6 +81,7 @@ class _Assignment:
                 )
         self.allowed: dict[Demand, frozenset[RobotName]] = {}
         self.reasons: dict[tuple[Demand, str | None, bool], dict[RobotName, str]] = {}
+        self.refusing: dict[Demand, tuple[dict[RobotName, str], list[RobotView]]] = {}
         self.assigned: set[OrderId] = set()
         self.crowding = Crowding(view)
         self.crowded: set[OrderId] = set()  # lead into a full corridor
@@ -245,12 +246,26 @@ class _Assignment:
         key = (demand, None if place is None else place.point.name, crowded)
         reasons = self.reasons.get(key)
         if reasons is None:
-            reasons = self.reasons[key] = {}
-            for name, robot in self.view.robots.items():
-                why = self._reason(robot, order)
-                if why is None:
-                    reachable = self.costs.cost_s(robot, place) < FORBIDDEN
-                    taken = Why.CORRIDOR_FULL if crowded else Why.ROBOT_TAKEN_BY_OTHER
-                    why = taken if reachable else self._no_way(robot, place)
-                reasons[name] = why.value
+            everybody, open_ = self._refusing(order, demand)
+            reasons = everybody.copy() if open_ else everybody
+            for robot in open_:
+                reachable = self.costs.cost_s(robot, place) < FORBIDDEN
+                taken = Why.CORRIDOR_FULL if crowded else Why.ROBOT_TAKEN_BY_OTHER
+                why = taken if reachable else self._no_way(robot, place)
+                reasons[robot.name] = why.value
+            self.reasons[key] = reasons
         return reasons
+
+    def _refusing(
+        self, order: Order, demand: Demand
+    ) -> tuple[dict[RobotName, str], list[RobotView]]:
+        """Give the reasons that are the same wherever an order leads, and the robots that have
+        none: in their place stands an empty one.
+        """
+        found = self.refusing.get(demand)
+        if found is None:
+            why = {name: self._reason(r, order) for name, r in self.view.robots.items()}
+            everybody = {name: "" if code is None else code.value for name, code in why.items()}
+            found = everybody, [r for name, r in self.view.robots.items() if why[name] is None]
+            self.refusing[demand] = found
+        return found

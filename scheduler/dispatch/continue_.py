@@ -1,6 +1,8 @@
 """Phase *continue*: robots begin, finish and fail the steps of the orders they have."""
 
-from ledger.ids import OrderId, RobotName
+from typing import TypeAlias
+
+from ledger.ids import OrderId, PointName, RobotName
 from ledger.link import DOOR, EXTERNAL, ActionPhase
 from ledger.proposals import (
     AnyProposal,
@@ -22,10 +24,16 @@ from scheduler.view import RobotView, View
 STILL_MS = 10_000  # a robot that has not moved for so long is worth a reason
 REASON_CHANGES_EVERY_MS = 5_000  # one order's reason changes no oftener, unless it ends
 
+Standing: TypeAlias = dict[PointName, set[RobotName]]  # who is on a point, by their own word
+
 
 def continue_(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[AnyProposal]:
     """Bring every robot's present step one state further, where the world allows it."""
     withdrawn = {p.order for p in so_far if isinstance(p, WithdrawOrder)}
+    standing: Standing = {}
+    for robot in view.robots.values():
+        if robot.report is not None and robot.report.point is not None:
+            standing.setdefault(robot.report.point, set()).add(robot.name)
     proposals: list[AnyProposal] = []
     for robot in view.robots.values():
         at = robot.at
@@ -34,7 +42,7 @@ def continue_(view: View, so_far: tuple[AnyProposal, ...], now_ms: int) -> list[
             continue
         found = _advance(view, robot, at)
         # What gets on has no reason not to; it may even have ended by what was just proposed.
-        proposals.extend(found or _explain(view, robot, at, now_ms))
+        proposals.extend(found or _explain(view, robot, at, standing, now_ms))
     return proposals
 
 
@@ -106,9 +114,11 @@ def _has_charged(view: View, robot: RobotView, place: Place, *, told_done: bool)
     return full or (told_done and not robot.report.charging)
 
 
-def _explain(view: View, robot: RobotView, at: Current, now_ms: int) -> list[AnyProposal]:
+def _explain(
+    view: View, robot: RobotView, at: Current, standing: Standing, now_ms: int
+) -> list[AnyProposal]:
     """Say why the order does not get on, when the answer has changed; else say nothing."""
-    code, others = _obstacle(view, robot, at, now_ms)
+    code, others = _obstacle(view, robot, at, standing, now_ms)
     before = at.order.execution_reject
     scene, order = view.scene.id, at.order.id
     if code is None:
@@ -121,7 +131,7 @@ def _explain(view: View, robot: RobotView, at: Current, now_ms: int) -> list[Any
 
 
 def _obstacle(
-    view: View, robot: RobotView, at: Current, now_ms: int
+    view: View, robot: RobotView, at: Current, standing: Standing, now_ms: int
 ) -> tuple[Why | None, dict[RobotName, str]]:
     if view.scene.disabled:
         return Why.SCENE_DISABLED, {}
@@ -161,11 +171,7 @@ def _obstacle(
         return Why.NO_ROUTE, {}
     if robot.report is not None and robot.report.blocked:
         return Why.ROBOT_OBSTRUCTED, {robot.name: Why.ROBOT_OBSTRUCTED.value}
-    names = set(robot.blocked_by) or {
-        other.name
-        for other in view.robots.values()
-        if other.name != robot.name and other.report and other.report.point == place.point.name
-    }
+    names = set(robot.blocked_by) or standing.get(place.point.name, set()) - {robot.name}
     blockers = (view.robots[name] for name in sorted(names) if name in view.robots)
     return Why.ROBOT_BLOCKED, {
         b.name: (trouble(view, b) or Why.ROBOT_IN_THE_WAY).value for b in blockers

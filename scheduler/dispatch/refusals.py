@@ -49,6 +49,8 @@ def refusals(
 def _is_news(before: Reject, code: NotAssigned, robots: dict[RobotName, str], now_ms: int) -> bool:
     if before.code != code:
         return True
+    if before.robots == robots:
+        return False
     names = {name for name, _ in before.robots.items() ^ robots.items()}
     changes = {(_settled(before.robots.get(n)), _settled(robots.get(n))) for n in names}
     changes = {(old, new) for old, new in changes if old != new}

@@ -12,7 +12,7 @@ from ledger.scene import XY
 from scheduler.traffic.classes import corners
 from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_along, widened
 from scheduler.traffic.grants import Grants
-from scheduler.traffic.placing import Entry, entries, nearest_point, on_paths
+from scheduler.traffic.placing import Entry, Locator, entries
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import Builder, adopted, end_of
 from scheduler.traffic.track import ARRIVED_M, START, Slot, Track
@@ -38,6 +38,7 @@ class Admission:
         self.within_m = within_m  # of a point …
         self.path_m = within_m  # … and of a path
         self.entries: dict[str, list[Entry]] = {}
+        self._locator = Locator(roadmap)
         self._sessions: dict[str, int] = {}  # robot -> newest number
 
     def receive(self, track: Track, report: Report, taken: int) -> None:
@@ -83,8 +84,8 @@ class Admission:
         track.place, track.trouble = None, None
         track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
         net = self.roadmap.net
-        point = nearest_point(self.roadmap, report, self.within_m)
-        legs = on_paths(self.roadmap, report, self.path_m)
+        point = self._locator.nearest_point(report, self.within_m)
+        legs = self._locator.on_paths(report, self.path_m)
         if point is not None:
             x, y = net.points[point].x_m, net.points[point].y_m
             if legs and math.hypot(report.x_m - x, report.y_m - y) > MARGIN_M:

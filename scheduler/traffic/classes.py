@@ -51,15 +51,19 @@ class Classes:
 
     def __init__(self, groups: Sequence[Group]) -> None:
         """The last footprint contains all others and chooses the stops for all."""
-        self._groups = {group.id: group for group in groups}
         kinds = dict.fromkeys(
             corners(group, loaded=loaded) for group in groups for loaded in (False, True)
         )
-        self._number = {kind: k for k, kind in enumerate(kinds)}
+        numbers = {kind: k for k, kind in enumerate(kinds)}
+        self._numbers = {
+            (group.id, loaded): numbers[corners(group, loaded=loaded)]
+            for group in groups
+            for loaded in (False, True)
+        }
         self.footprints: list[Floats] = [widened(kind) for kind in kinds]
         if len(kinds) > 1:
             self.footprints.append(widened([corner for kind in kinds for corner in kind]))
 
     def of(self, group: int, *, loaded: bool = False) -> int:
         """Number of the footprint of a robot of this group."""
-        return self._number[corners(self._groups[group], loaded=loaded)]
+        return self._numbers[group, loaded]

@@ -166,13 +166,17 @@ class Guard:
         """Where one of these shapes lies over the body of another than its owner."""
         if not shapes or not self._names:
             return
-        found = self._tree.query(np.array(shapes, dtype=object), predicate="intersects")
-        for mine, body in found.T.tolist():
-            owner, other = owners[mine], self._names[body]
-            if owner != other:
-                shared = shapely.intersection(shapes[mine], self._shapes[body])
-                if shared.area > OVERLAP_M2:
-                    yield owner, other, shared
+        asked = np.array(shapes, dtype=object)
+        number = {name: k for k, name in enumerate(self._names)}
+        own = np.array([number[owner] for owner in owners])
+        mine, body = self._tree.query(asked)
+        foreign = own[mine] != body  # nearly all that is found is a robot on its own way
+        mine, body = mine[foreign], body[foreign]
+        met = shapely.intersects(asked[mine], self._shapes[body])
+        for k, other in zip(mine[met].tolist(), body[met].tolist(), strict=True):
+            shared = shapely.intersection(shapes[k], self._shapes[other])
+            if shared.area > OVERLAP_M2:
+                yield owners[k], self._names[other], shared
 
     def _off(self, news: list[Track]) -> Iterable[Breach]:
         """Those that are not on their own ground. Nearly all are on the first of their cells."""

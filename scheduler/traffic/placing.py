@@ -5,6 +5,7 @@ import math
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from ledger.link import Report
 from scheduler.traffic.geometry import Floats, turn_rad, wrap
@@ -26,65 +27,71 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
     need: int  # bits of the places that must be empty
 
 
-def nearest_point(roadmap: Roadmap, report: Report, within_m: float) -> int | None:
-    """The point that the robot stands on; its own word first, if it is not far off."""
-    found: tuple[float, int] | None = None
-    for k, point in enumerate(roadmap.net.points):
-        off = math.hypot(point.x_m - report.x_m, point.y_m - report.y_m)
-        if point.name == report.point and off <= within_m:
-            return k
-        if off <= within_m and (found is None or off < found[0]):
-            found = (off, k)
-    return None if found is None else found[1]
+class Locator:
+    """Where on a map a robot is; the map does not change, so its paths are cut up once."""
 
-
-def _segments(roadmap: Roadmap) -> tuple[list[int], Floats, Floats, list[float]]:
-    """Paths as chords of at most 0.5 m: their path, start and end poses, and way before them."""
-    traces = roadmap.net.traces
-    owner = np.repeat(np.arange(len(traces.length_m)), np.diff(traces.first))
-    piece_m = np.asarray(traces.length_m) / np.maximum(np.diff(traces.first), 1)
-    paths, starts, ends, before = [], [], [], []
-    for numbers, poses in traces.batches:
-        steps = poses.shape[1] - 1
-        for step in range(steps):
+    def __init__(self, roadmap: Roadmap) -> None:
+        """Cut the paths into chords of at most 0.5 m."""
+        self._net = roadmap.net
+        self._points_m = np.array([(p.x_m, p.y_m) for p in self._net.points]).reshape(-1, 2)
+        traces = self._net.traces
+        first, length_m = np.asarray(traces.first), np.asarray(traces.length_m)
+        owner = np.repeat(np.arange(len(length_m)), np.diff(first))
+        piece_m = length_m / np.maximum(np.diff(first), 1)
+        paths, starts, ends, before = [np.empty(0, dtype=int)], [np.empty((0, 3))], [], []
+        for numbers, poses in traces.batches:
+            steps = poses.shape[1] - 1
             path = owner[numbers]
-            paths.append(path)
-            starts.append(poses[:, step])
-            ends.append(poses[:, step + 1])
-            piece = numbers - np.asarray(traces.first)[path]
-            before.append(piece_m[path] * (piece + step / steps))
-    if not paths:
-        return [], np.empty((0, 3)), np.empty((0, 3)), []
-    return (
-        np.concatenate(paths).tolist(),
-        np.concatenate(starts),
-        np.concatenate(ends),
-        np.concatenate(before).tolist(),
-    )
+            for step in range(steps):
+                paths.append(path)
+                starts.append(poses[:, step])
+                ends.append(poses[:, step + 1, :2])
+                before.append(piece_m[path] * (numbers - first[path] + step / steps))
+        self._paths, self._starts = np.concatenate(paths), np.concatenate(starts)
+        self._before_m = np.concatenate([np.empty(0), *before])
+        self._chords = np.concatenate([np.empty((0, 2)), *ends]) - self._starts[:, :2]
+        self._lengths = np.maximum(np.hypot(self._chords[:, 0], self._chords[:, 1]), 1e-9)
+        self._longest_m = float(self._lengths.max(initial=0.0))
+
+    def nearest_point(self, report: Report, within_m: float) -> int | None:
+        """The point that the robot stands on; its own word first, if it is not far off."""
+        found: tuple[float, int] | None = None
+        k: int
+        for k in _round(self._points_m, report, within_m).tolist():
+            point = self._net.points[k]
+            off = math.hypot(point.x_m - report.x_m, point.y_m - report.y_m)
+            if point.name == report.point and off <= within_m:
+                return k
+            if off <= within_m and (found is None or off < found[0]):
+                found = (off, k)
+        return None if found is None else found[1]
+
+    def on_paths(self, report: Report, within_m: float) -> list[Leg]:
+        """Paths that the robot is on with the right heading, nearest first, from where it is on."""
+        near = _round(self._starts, report, within_m + self._longest_m)
+        starts, chords, lengths = self._starts[near], self._chords[near], self._lengths[near]
+        at = np.array([report.x_m, report.y_m]) - starts[:, :2]
+        along = np.clip((at * chords).sum(axis=1) / lengths, 0.0, lengths)
+        off = np.hypot(*(at - chords * (along / lengths)[:, None]).T)
+        best: dict[int, tuple[float, float]] = {}
+        for k in np.flatnonzero(off <= within_m).tolist():
+            if abs(wrap(report.heading_rad - float(starts[k, 2]))) <= ON_PATH_RAD:
+                path = int(self._paths[near[k]])
+                found = (round(float(off[k]), 6), float(self._before_m[near[k]]) + float(along[k]))
+                best[path] = min(found, best.get(path, found))
+        ranked = sorted((off_m, path, at_m) for path, (off_m, at_m) in best.items())
+        lengths_m, retreat = self._net.traces.length_m, self._net.retreat
+        return [
+            Leg(path=path, from_m=max(at_m, 1e-6))
+            for _, path, at_m in ranked
+            if at_m < lengths_m[path] - 1e-3 and not retreat[path]
+        ]
 
 
-def on_paths(roadmap: Roadmap, report: Report, within_m: float) -> list[Leg]:
-    """Paths that the robot is on with the right heading, nearest first, from where it is on."""
-    paths, starts, ends, before = _segments(roadmap)
-    if not paths:
-        return []
-    chord = ends[:, :2] - starts[:, :2]
-    length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
-    at = np.array([report.x_m, report.y_m]) - starts[:, :2]
-    along = np.clip((at * chord).sum(axis=1) / length, 0.0, length)
-    off = np.hypot(*(at - chord * (along / length)[:, None]).T)
-    best: dict[int, tuple[float, float]] = {}
-    for k in np.flatnonzero(off <= within_m).tolist():
-        if abs(wrap(report.heading_rad - float(starts[k, 2]))) <= ON_PATH_RAD:
-            found = (round(float(off[k]), 6), before[k] + float(along[k]))
-            best[paths[k]] = min(found, best.get(paths[k], found))
-    ranked = sorted((off_m, path, at_m) for path, (off_m, at_m) in best.items())
-    lengths, retreat = roadmap.net.traces.length_m, roadmap.net.retreat
-    return [
-        Leg(path=path, from_m=max(at_m, 1e-6))
-        for _, path, at_m in ranked
-        if at_m < lengths[path] - 1e-3 and not retreat[path]
-    ]
+def _round(at_m: Floats, report: Report, within_m: float) -> npt.NDArray[np.intp]:
+    """Numbers of all that is no further off, and of some more."""
+    x_off, y_off = np.abs(at_m[:, 0] - report.x_m), np.abs(at_m[:, 1] - report.y_m)
+    return np.flatnonzero(np.maximum(x_off, y_off) <= within_m + 1e-6)
 
 
 def entries(

@@ -101,13 +101,12 @@ class Track(msgspec.Struct, kw_only=True):
     @property
     def driven(self) -> bool:
         """Is nothing left of its route."""
-        left = [piece for piece, _ in self.pieces if piece.number >= self.progress.piece]
-        if not left:
+        if not self.pieces:
             return True
-        last = left[-1]
-        return last.number == self.progress.piece and (
-            self.progress.along_m >= last.length_m - ARRIVED_M
-        )
+        last, progress = self.pieces[-1][0], self.progress
+        if last.number != progress.piece:
+            return last.number < progress.piece
+        return progress.along_m >= last.length_m - ARRIVED_M
 
     def way_to_m(self, mark: Mark) -> float:
         """Metres from the beginning of its route to a mark that is not behind it."""
@@ -133,10 +132,13 @@ class Track(msgspec.Struct, kw_only=True):
         it has, not the one it may have. What is committed cannot be planned otherwise any more, so
         who has not set out is not near (30 robots on a fine lattice: 0.73 of free flow, not 0.65).
         """
+        left_m = self.left_m()
+        if left_m <= SLACK_M:
+            return True
         speed = 0.0 if self.report is None else abs(self.report.speed_mps)
         speed += self.limits.acceleration_mps2_max * (LATENCY_S + REPORT_S)
         speed = min(speed, self.limits.speed_mps_max)
-        return self.left_m() <= braking_m(self.limits, speed) + speed * LATENCY_S + SLACK_M
+        return left_m <= braking_m(self.limits, speed) + speed * LATENCY_S + SLACK_M
 
     @property
     def standing(self) -> bool:
@@ -146,6 +148,8 @@ class Track(msgspec.Struct, kw_only=True):
 
     def untravelled(self) -> tuple[PathKey, ...]:
         """Paths still to be driven, the one it is on included; parts of one count once."""
+        if self.driven:
+            return ()
         left = (
             piece.path
             for piece, _ in self.pieces
