@@ -9,6 +9,7 @@ from ledger.scene import XY, Area, Group, Path, Point, PointKind, Value
 from sim.robot import SimRobot, place
 
 CLEARANCE_M = 0.05
+SQUARE_M = 2.0  # about the reach of a robot
 _ORDER = {
     PointKind.PARKING: 0,
     PointKind.CHARGING: 1,
@@ -37,12 +38,12 @@ class Ground:
         self._leaving: dict[PointName, Path] = {}
         for path in area.paths:
             self._leaving.setdefault(path.start, path)
+        first = sorted(area.points, key=lambda p: _ORDER[p.kind])
+        self._first = [point for point in first if point.name in self._leaving]
 
     def places(self) -> Iterator[Place]:
         """Give the points from which a robot can drive on, the best first, else in map order."""
-        for point in sorted(self.area.points, key=lambda p: _ORDER[p.kind]):
-            if point.name in self._leaving:
-                yield self.place(point)
+        return (self.place(point) for point in self._first)
 
     def place(self, point: Point) -> Place:
         """Stand as the map demands it, or else ready to drive out."""
@@ -94,28 +95,44 @@ def free_place(
 
     Of several grounds that with the fewest robots for its size goes first: each floor gets some.
     """
-    obstacles: dict[int, list[tuple[float, float, float]]] = {}
+    obstacles = _Obstacles()
     robots: Counter[int] = Counter()
     for robot in others:
         robots[robot.body.area] += 1
-        reach_m = robot.body.radius_m + radius_m + CLEARANCE_M
-        obstacles.setdefault(robot.body.area, []).extend((x, y, reach_m) for x, y in taken(robot))
+        obstacles.add(robot, robot.body.radius_m + radius_m + CLEARANCE_M)
     known = list(grounds)
     if preferred is not None:
         for ground in known:
             point = ground.points.get(preferred)
-            if point is not None and _clear(ground.place(point), obstacles):
+            if point is not None and obstacles.leave_clear(ground.place(point)):
                 return ground.place(point)
     known.sort(key=lambda ground: robots[ground.area.id] / max(len(ground.points), 1))
     for ground in known:
         for candidate in ground.places():
-            if _clear(candidate, obstacles):
+            if obstacles.leave_clear(candidate):
                 return candidate
     return None
 
 
-def _clear(place: Place, obstacles: dict[int, list[tuple[float, float, float]]]) -> bool:
-    return all(
-        hypot(x - place.x_m, y - place.y_m) >= reach_m
-        for x, y, reach_m in obstacles.get(place.area.id, ())
-    )
+class _Obstacles:
+    """Discs to keep clear of, in squares: a thousand robots are placed in seconds, not minutes."""
+
+    def __init__(self) -> None:
+        self._in: dict[tuple[int, int, int], list[tuple[float, float, float]]] = {}
+
+    def add(self, robot: SimRobot, reach_m: float) -> None:
+        """Keep so far from where a robot is, or may still drive to."""
+        for x, y in taken(robot):
+            disc = (x, y, reach_m)
+            for i in range(int((x - reach_m) // SQUARE_M), int((x + reach_m) // SQUARE_M) + 1):
+                low, high = int((y - reach_m) // SQUARE_M), int((y + reach_m) // SQUARE_M)
+                for j in range(low, high + 1):
+                    self._in.setdefault((robot.body.area, i, j), []).append(disc)
+
+    def leave_clear(self, place: Place) -> bool:
+        """Is this place out of reach of them all."""
+        square = place.area.id, int(place.x_m // SQUARE_M), int(place.y_m // SQUARE_M)
+        return all(
+            hypot(x - place.x_m, y - place.y_m) >= reach_m
+            for x, y, reach_m in self._in.get(square, ())
+        )

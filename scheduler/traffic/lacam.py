@@ -90,6 +90,8 @@ class Search:
         self._options: dict[tuple[int, int, float], list[Option]] = {}
         self._ways: dict[Stand, int] = {}
         self._headings: dict[tuple[int, float], float] = {}
+        self._alike: dict[tuple[int, Stand], int] = {}  # robot and stand -> number of its class
+        self._classes: dict[tuple[int, int, float], int] = {}
 
     def run(self, expansions_max: int) -> Found:
         """Look at so many successors at the most."""
@@ -226,11 +228,16 @@ class Search:
         place, heading = stands[0]
         return place == self.goal and not self.roadmap.final_turn_rad(place, heading)
 
-    def _key(self, stands: tuple[Stand, ...]) -> tuple[object, ...]:
-        own, *others = (
-            (self._kind[k], place, self._heading(k, place, heading))
-            for k, (place, heading) in enumerate(stands)
-        )
+    def _key(self, stands: tuple[Stand, ...]) -> tuple[int, ...]:
+        """Robots of a kind that have changed places are the same."""
+        alike = self._alike
+        try:
+            own, *others = [alike[stand] for stand in enumerate(stands)]
+        except KeyError:
+            for k, (place, heading) in enumerate(stands):
+                found = self._kind[k], place, self._heading(k, place, heading)
+                alike[k, (place, heading)] = self._classes.setdefault(found, len(self._classes))
+            return self._key(stands)
         return own, *sorted(others)
 
     def _heading(self, k: int, place: int, heading: float) -> float:
