@@ -19,7 +19,7 @@ from ledger.scene import XY, Area, Group, RobotConfig, Scene
 from ledger.scene_config import SceneConfig
 from ledger.waits import WaitReason
 from scheduler.goal import Goal
-from scheduler.traffic.judge import body, collisions, double_grants, outside
+from scheduler.traffic.judge import bodies_at, collisions, double_grants, outside
 from scheduler.traffic.traffic import Traffic
 from sim.faults import NONE, FaultMix
 from sim.robot import SimRobot, place
@@ -59,6 +59,7 @@ class Yard:
         self.scene = Scene(id=SCENE, name="yard", digest="", areas=(area,), groups=groups)
         self.world = World(random.Random(seed + 1), mix)
         self.points = {point.name: point for point in area.points}
+        self.outline = shapely.Polygon(groups[0].footprint)
         self._place(starts)
         self.goal_points, self.lane_of = list(goals), dict(lane_of or {})
         self.endless = endless  # orders at random, without end
@@ -284,9 +285,9 @@ class Yard:
                 self.unnamed_ms, self.stall = still_ms, [name, plans[name]]
 
     def bodies(self, names: Sequence[RobotName] | None = None) -> dict[RobotName, shapely.Polygon]:
-        footprint = self.groups[0].footprint
-        chosen = self.robots if names is None else names
-        return {name: body(footprint, *place(self.robots[name])[:3]) for name in chosen}
+        chosen = list(self.robots) if names is None else names
+        poses = np.array([place(self.robots[name])[:3] for name in chosen]).reshape(-1, 3)
+        return dict(zip(chosen, bodies_at(self.outline, poses), strict=True))
 
     def nobody_overlaps(self) -> None:
         """True bodies of robots and of strangers, and of robots and granted ground."""

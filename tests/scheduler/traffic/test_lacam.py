@@ -61,7 +61,7 @@ def is_possible(world: World, states_max: int) -> bool | None:
     return False
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(st.integers(0, len(AREAS) - 1), st.integers(0, 10_000))
 def test_it_finds_a_way_exactly_where_there_is_one(which, seed):
     """Law: complete, and proven if it says so; what it finds can be driven move by move."""
@@ -76,6 +76,7 @@ def test_it_finds_a_way_exactly_where_there_is_one(which, seed):
         assert possible == (found.way is not None)
 
 
+@settings(deadline=None)
 @given(st.integers(0, len(AREAS) - 1), st.integers(0, 10_000))
 def test_the_same_world_gives_the_same_way(which, seed):
     found = [
