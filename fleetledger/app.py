@@ -60,7 +60,7 @@ from ledger.moment import At
 from ledger.snapshot import Snapshotter, restore
 from ledger.state import Fleet
 from ledger.store import FileLedger
-from ledger.telemetry_read import plans_at, reports_at
+from ledger.telemetry_read import last_plans, last_reports, plans_at, reports_at
 from ledger.zenoh_bus import LOOPBACK, ZenohBus
 from projections.api.m4_resources import external_map_res
 from projections.api.m4_scene_query import Beside, SceneQueries
@@ -243,12 +243,15 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         for path in settings.scene:
             await core.import_scene(path)
         await core.begin()
+        live = core.live
+        for scene in tuple(live.fleet.scenes):
+            reports = await asyncio.to_thread(last_reports, settings.telemetry, scene)
+            live.recall(reports, await asyncio.to_thread(last_plans, settings.telemetry, scene))
         telemetry = telemetry_log(settings)
         stack.callback(telemetry.close)
         endpoint = f"{LOOPBACK}:{settings.feed_port or free_port()}"
         bus = ZenohBus(endpoint, ())
         stack.callback(bus.close)
-        live = core.live
         intake = Intake(
             bus,
             loop,

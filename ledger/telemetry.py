@@ -2,7 +2,8 @@
 
 `DIR/telemetry/<UTC time>.mcap` holds our own batches (`telemetry_format`), from which any moment is
 read back (`telemetry_read`), and beside them robots and grants as Foxglove's messages
-(`telemetry_drawing`), which viewers draw as they are. No restart needs any of it.
+(`telemetry_drawing`), which viewers draw as they are. A restart learns from it where robots that do
+not answer were last; without it their ground counts as free until they report.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -19,7 +20,14 @@ from ledger.link import Plan, Report
 from ledger.telemetry_drawing import GRANTS, POSES, grants, poses
 from ledger.telemetry_file import Opened, TelemetryFile
 from ledger.telemetry_format import WHOLE_EVERY_MS, PlanBatch, ReportBatch, files
-from ledger.telemetry_read import plans_at, read_plans, read_telemetry, reports_at
+from ledger.telemetry_read import (
+    last_plans,
+    last_reports,
+    plans_at,
+    read_plans,
+    read_telemetry,
+    reports_at,
+)
 from ledger.telemetry_series import PlanSeries, ReportSeries
 
 __all__ = ["TelemetryLog", "plans_at", "read_plans", "read_telemetry", "reports_at"]
@@ -79,7 +87,7 @@ class TelemetryLog:
         with self._lock:
             self._advance(now_ms, [r.at_ms for r in reports])
             for scene in {r.scene for r in reports} - self._reports.scenes:
-                known = reports_at(self._directory, scene, self._now_ms)
+                known = last_reports(self._directory, scene)
                 self._reports.seed(scene, known.values())
             batches = list(self._reports.changed(reports, self._now_ms, self._sample_ms))
             self._put(batches, lambda file: self._draw(file, reports))
@@ -89,7 +97,7 @@ class TelemetryLog:
         with self._lock:
             self._advance(now_ms, [p.at_ms for p in plans])
             for scene in {p.scene for p in plans} - self._plans.scenes:
-                known = plans_at(self._directory, scene, self._now_ms)
+                known = last_plans(self._directory, scene)
                 self._plans.seed(scene, known.values())
             batches = list(self._plans.changed(plans, self._now_ms, self._sample_ms))
             self._put(batches, lambda file: self._draw_grants(file, plans))

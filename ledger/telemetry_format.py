@@ -18,7 +18,8 @@ SUFFIX = ".mcap"
 NS_PER_MS = 1_000_000
 
 WHOLE_EVERY_MS = 10_000  # between two whole batches
-LOOK_BACK_MS = 3_600_000  # a robot silent for longer is not in a whole batch any more
+LOOK_BACK_MS = 3_600_000  # a stretch without a batch of the scene; beyond it nothing is looked for
+SILENT_MS_MAX = 7 * 24 * 3_600_000  # a robot silent for longer is not in a whole batch any more
 SPREAD_MS = 2_000  # reports of one batch are at most so much older than its newest
 
 

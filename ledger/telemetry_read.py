@@ -89,19 +89,32 @@ class TelemetryReader:
         Goes backwards to the last whole batch, and no further than `LOOK_BACK_MS`; then forwards.
         """
         found: list[Message] = []
+        newest_ms: int | None = None  # of the batches at or before the moment
         for message in self._backwards(at_ms):
             head = kind.head(message, scene)
             if head is None:
                 continue
-            if found and found[0].at_ms - head.at_ms > STRETCH_MS_MAX:
+            if newest_ms is not None and newest_ms - head.at_ms > STRETCH_MS_MAX:
                 break  # the whole batch is lost: these stand for themselves
             found.append(message)
-            if head.whole and head.at_ms <= at_ms:
-                break
+            if head.at_ms <= at_ms:
+                newest_ms = head.at_ms if newest_ms is None else newest_ms
+                if head.whole:
+                    break
         fold: Fold[Item] = kind.fold()
         for message in reversed(found):
             kind.feed(fold, message, at_ms)
         return fold.newest()
+
+    def newest_ms(self) -> int | None:
+        """Give when the newest message was written; None where there is none."""
+        with self._lock:
+            for start_ms, _ in reversed(files(self._directory)):
+                scanned = self._scanned(start_ms, start_ms)
+                ends = [chunk.end_ms for file in scanned for chunk in file.chunks]
+                if ends:
+                    return max(ends)
+        return None
 
     def _backwards(self, at_ms: int) -> Iterator[Message]:
         for file in reversed(self._scanned(at_ms - LOOK_BACK_MS, at_ms)):
@@ -178,6 +191,18 @@ def reports_at(directory: Path, scene: SceneId, at_ms: int) -> dict[RobotName, R
 def plans_at(directory: Path, scene: SceneId, at_ms: int) -> dict[RobotName, Plan]:
     """Give what traffic intended with each robot at the moment."""
     return reader(directory).at(PLANS, scene, at_ms)
+
+
+def last_reports(directory: Path, scene: SceneId) -> dict[RobotName, Report]:
+    """Give what robots said last before the log ends, however long ago that is."""
+    at_ms = reader(directory).newest_ms()
+    return {} if at_ms is None else reports_at(directory, scene, at_ms)
+
+
+def last_plans(directory: Path, scene: SceneId) -> dict[RobotName, Plan]:
+    """Give what traffic intended last before the log ends."""
+    at_ms = reader(directory).newest_ms()
+    return {} if at_ms is None else plans_at(directory, scene, at_ms)
 
 
 def read_telemetry(directory: Path, scene: SceneId, from_ms: int, to_ms: int) -> Iterator[Report]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ledger.ids import PointName, RobotKey, SceneId, robot_key
 from ledger.link import Plan, Report, Space
-from ledger.telemetry_format import LOOK_BACK_MS, Moved, PlanBatch, ReportBatch
+from ledger.telemetry_format import SILENT_MS_MAX, Moved, PlanBatch, ReportBatch
 from ledger.telemetry_motion import HAPPENS, grown, is_exact, steady, table
 
 Item = TypeVar("Item", Report, Plan)
@@ -52,7 +52,7 @@ class _Series(Generic[Item]):
         """Forget robots silent for too long; give the scenes of the others."""
         self._since.clear()
         for key, item in tuple(self.newest.items()):
-            if now_ms - item.at_ms > LOOK_BACK_MS:
+            if now_ms - item.at_ms > SILENT_MS_MAX:
                 del self.newest[key]
         return list(dict.fromkeys(item.scene for item in self.newest.values()))
 

@@ -19,7 +19,7 @@ from ledger.events import (
 )
 from ledger.evolve import evolve
 from ledger.evolve_order import order_after
-from ledger.ids import OrderId, RobotKey, SceneId, robot_key
+from ledger.ids import OrderId, RobotKey, RobotName, SceneId, robot_key
 from ledger.link import Plan, Report
 from ledger.scene import Value
 from ledger.state import Fleet, Order
@@ -239,6 +239,13 @@ class Live:
         """Give the newest of each robot, for a new scheduler; called on any thread."""
         reports, plans = self.reports.copy(), self.plans.copy()
         return [(reports[key], plan) for key, plan in plans.items() if key in reports]
+
+    def recall(self, reports: Mapping[RobotName, Report], plans: Mapping[RobotName, Plan]) -> None:
+        """Take what a scene's robots said before the start, of those that are still there."""
+        for name in reports.keys() & plans.keys():
+            if robot_key(reports[name].scene, name) in self.fleet.robots:
+                self.observe(reports[name])
+                self.intend(plans[name])
 
     def observe(self, report: Report) -> None:
         """Take in what a robot reports; one that was overtaken on its way is dropped."""

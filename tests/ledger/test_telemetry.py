@@ -6,9 +6,10 @@ import tempfile
 from pathlib import Path
 
 import msgspec
+import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
@@ -22,7 +23,8 @@ from ledger.telemetry import (
     read_telemetry,
     reports_at,
 )
-from ledger.telemetry_format import LOOK_BACK_MS, WHOLE_EVERY_MS, files
+from ledger.telemetry_format import LOOK_BACK_MS, SILENT_MS_MAX, WHOLE_EVERY_MS, files
+from ledger.telemetry_read import last_plans, last_reports
 from tests.ledger.driving import OTHER, SCENE, T0, drive, plan, report
 
 
@@ -96,6 +98,7 @@ histories = st.lists(
 
 
 @given(history=histories, back_ms=st.integers(0, 30_000))
+@example(history=[(0, "A", 0), (7_001, "A", 0), (15_000, "A", 0)], back_ms=1)  # long nothing, then
 @settings(max_examples=80, deadline=None)
 def test_without_sampling_every_moment_is_exact(
     history: list[tuple[int, str, int]], back_ms: int
@@ -118,20 +121,36 @@ def test_without_sampling_every_moment_is_exact(
         assert {robot: r.x_m for robot, r in found.items()} == newest
 
 
-def test_a_robot_silent_since_before_a_restart_is_still_known(tmp_path: Path) -> None:
+@pytest.mark.parametrize("away_ms", [60_000, LOOK_BACK_MS + 120_000, SILENT_MS_MAX - 120_000])
+def test_a_robot_silent_since_before_a_restart_is_still_known(tmp_path: Path, away_ms: int) -> None:
+    first = TelemetryLog(tmp_path)
+    first.write([report("SILENT", T0, 1.0), report("R", T0, 2.0)])
+    first.write_plans([plan("SILENT", T0, 1.0)])
+    first.close()
+    assert last_reports(tmp_path, SCENE).keys() == {"SILENT", "R"}
+    assert last_plans(tmp_path, SCENE).keys() == {"SILENT"}
+    second = TelemetryLog(tmp_path)
+    for tick in range(5):
+        second.write([report("R", T0 + away_ms + tick * WHOLE_EVERY_MS, float(tick))])
+    second.close()
+    assert last_reports(tmp_path, SCENE).keys() == {"SILENT", "R"}
+    assert reports_at(tmp_path, SCENE, T0 + away_ms + 40_000).keys() == {"SILENT", "R"}
+
+
+def test_a_robot_silent_for_too_long_is_forgotten(tmp_path: Path) -> None:
     first = TelemetryLog(tmp_path)
     first.write([report("SILENT", T0, 1.0), report("R", T0, 2.0)])
     first.close()
     second = TelemetryLog(tmp_path)
-    for tick in range(5):
-        second.write([report("R", T0 + 60_000 + tick * WHOLE_EVERY_MS, float(tick))])
+    for tick in range(2):
+        second.write([report("R", T0 + SILENT_MS_MAX + 1 + tick * WHOLE_EVERY_MS, 0.0)])
     second.close()
-    assert sorted(reports_at(tmp_path, SCENE, T0 + 100_000)) == ["R", "SILENT"]
-    later_ms = T0 + LOOK_BACK_MS + 120_000
-    third = TelemetryLog(tmp_path)
-    third.write([report("R", later_ms, 0.0)])
-    third.close()
-    assert sorted(reports_at(tmp_path, SCENE, later_ms)) == ["R"]
+    assert last_reports(tmp_path, SCENE).keys() == {"R"}
+
+
+def test_of_no_log_nothing_is_known(tmp_path: Path) -> None:
+    assert last_reports(tmp_path, SCENE) == {}
+    assert last_plans(tmp_path, SCENE) == {}
 
 
 def test_two_logs_of_the_same_second_do_not_overwrite_each_other(tmp_path: Path) -> None:
