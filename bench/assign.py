@@ -74,6 +74,7 @@ def _robot(name: RobotName, start: Point, order: Order | None) -> RobotView:
     content = RobotBin() if order is None else RobotBin(status=BinStatus.RESERVED, order=order.id)
     orders = () if order is None else (order,)
     return RobotView(
+        name=name,
         robot=Robot(
             scene=SCENE,
             config=RobotConfig(name=name),

@@ -13,16 +13,8 @@ class Current(Value, frozen=True, kw_only=True):
 
     order: Order
     index: int
-
-    @property
-    def step(self) -> Step:
-        """The step itself."""
-        return self.order.steps[self.index]
-
-    @property
-    def begun(self) -> bool:
-        """The robot has set out for it."""
-        return self.step.status is StepStatus.EXECUTING
+    step: Step
+    begun: bool  # the robot has set out for it
 
     @property
     def attempt(self) -> str:
@@ -57,7 +49,7 @@ def current(orders: Sequence[Order]) -> Current | None:
     A suspended order is put off as long as there is another one to begin.
     """
     open_steps = [(order, next_step(order)) for order in orders]
-    known = [Current(order=o, index=i) for o, i in open_steps if i is not None]
+    known = [_at(o, i) for o, i in open_steps if i is not None]
     for candidate in known:
         if candidate.begun:
             return candidate
@@ -67,3 +59,8 @@ def current(orders: Sequence[Order]) -> Current | None:
     free = [c for c in known if not c.order.suspended] or known
     loading = [c for c in free if c.step.task.loads]
     return next(iter(loading or free), None)
+
+
+def _at(order: Order, index: int) -> Current:
+    step = order.steps[index]
+    return Current(order=order, index=index, step=step, begun=step.status is StepStatus.EXECUTING)

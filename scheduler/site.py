@@ -11,7 +11,7 @@ from ledger.proposals import AnyProposal, GrantMapResources
 from ledger.scene import Scene
 from ledger.state import Fleet, Order, Robot
 from scheduler.corridors import find_corridors
-from scheduler.current import Current, current
+from scheduler.current import current
 from scheduler.devices import SiteDevices
 from scheduler.goal import Goal
 from scheduler.places import Place, find_places
@@ -51,7 +51,7 @@ class Site:
         self._since_ms = now_ms
         self._queues: dict[RobotName, list[Report]] = {}
         self._watches: dict[RobotName, Watch] = {}
-        self._memo: dict[RobotName, tuple[tuple[Order, ...], Current | None]] = {}
+        self._memo: dict[RobotName, tuple[tuple[object, ...], RobotView]] = {}  # and what it is of
         self._broken_doors: frozenset[str] = frozenset()
         self._resets: set[RobotName] = set()  # asked for, and not done yet
         self._loading: AbstractSet[RobotName] = frozenset()
@@ -238,23 +238,29 @@ class Site:
         )
 
     def _robot(self, fleet: Fleet, robot: Robot) -> RobotView:
+        """Look at it anew only if something has come in; a pass looks twice."""
         name = robot.name
         orders = tuple([fleet.orders[o] for o in robot.orders if o in fleet.orders])
-        memo = self._memo.get(name)
-        if memo is None or not _identical(memo[0], orders):
-            memo = self._memo[name] = (orders, current(orders))
         report, plan, watch = self.reports.get(name), self.plans.get(name), self._watches.get(name)
         settled = report is not None and report.area in self._settled
-        return RobotView(
+        seen = robot, report, plan, watch, settled, *orders
+        memo = self._memo.get(name)
+        if memo is not None and _identical(memo[0], seen):
+            return memo[1]
+        known = memo is not None and _identical(memo[1].orders, orders)
+        found = RobotView(
+            name=name,
             robot=robot,
-            orders=memo[0],
-            at=memo[1],
+            orders=orders,
+            at=memo[1].at if memo is not None and known else current(orders),
             report=report,
             ready=settled and plan is not None and plan.ready,
             blocked_by=() if plan is None else plan.blocked_by,
             still_since_ms=self._since_ms if watch is None else watch.still_since_ms,
             charging_since_ms=None if watch is None else watch.charging_since_ms,
         )
+        self._memo[name] = seen, found
+        return found
 
     def _traffic_of(self, robot: RobotName) -> TrafficLike | None:
         plan, report = self.plans.get(robot), self.reports.get(robot)
@@ -367,5 +373,5 @@ class Site:
         self.tally.count(sum(t.pushes for t in every), plannings, ladder, breaches)
 
 
-def _identical(before: tuple[Order, ...], now: tuple[Order, ...]) -> bool:
+def _identical(before: tuple[object, ...], now: tuple[object, ...]) -> bool:
     return len(before) == len(now) and all(map(is_, before, now))

@@ -16,6 +16,7 @@ from scheduler.roads import Roads
 class RobotView(Value, frozen=True, kw_only=True):
     """A robot as dispatch sees it: what the ledger knows and what the robot says."""
 
+    name: RobotName  # unique in its scene
     robot: Robot
     orders: tuple[Order, ...] = ()  # assigned and not finished, first assigned first
     at: Current | None = None  # the step it is at, or would begin next
@@ -24,11 +25,6 @@ class RobotView(Value, frozen=True, kw_only=True):
     blocked_by: tuple[RobotName, ...] = ()
     still_since_ms: int = 0  # since when it has not moved, as far as we have watched
     charging_since_ms: int | None = None  # since when it says that it charges
-
-    @property
-    def name(self) -> RobotName:
-        """Its name, unique in its scene."""
-        return self.robot.name
 
     @property
     def system_order(self) -> Order | None:

@@ -67,14 +67,15 @@ class Admission:
             track.let_go(self.grants)
             self.put(track, report, taken, keep_session=False)
 
-    def moved(self, track: Track, report: Report, taken: int) -> bool:
-        """Look again at a robot that stands somewhere else than when it was last placed."""
+    def has_moved(self, track: Track, report: Report) -> bool:
+        """Tell whether it stands somewhere else than when it was last placed."""
         off = math.hypot(report.x_m - track.seen_m[0], report.y_m - track.seen_m[1])
-        if off <= MOVED_M and abs(report.heading_rad - track.seen_rad) <= MOVED_M:
-            return False
+        return off > MOVED_M or abs(report.heading_rad - track.seen_rad) > MOVED_M
+
+    def put_anew(self, track: Track, report: Report, taken: int) -> None:
+        """Place it where it stands now, whatever it had."""
         track.let_go(self.grants)
         self.put(track, report, taken, keep_session=self._own(track, report))
-        return True
 
     def put(self, track: Track, report: Report, taken: int, keep_session: bool) -> None:
         """Claim the ground under a robot that has no route, and find its place or way to one."""
@@ -141,8 +142,7 @@ class Admission:
         track.reshaping, track.crowded_by = False, ()
         if track.place is None:
             if track.trouble in (NOT_AT_STOP, OFF_MAP):
-                track.let_go(self.grants)
-                self.put(track, report, taken, keep_session=self._own(track, report))
+                self.put_anew(track, report, taken)
             return True
         cell = self._rest(track, report, self.roadmap.places.point[track.place])
         slot = Slot(cell=cell, end=track.end, commit=0)

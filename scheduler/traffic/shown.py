@@ -37,15 +37,18 @@ class Shown:
         """Say what is intended with one robot; who is in its way and none of `robots` is an owner
         of reserved ground. `doors` are those that it waits for, named as in a plan.
         """
-        spaces = [self._space(slot.cell) for slot in islice(track.owned, SPACES_MAX)]
-        barred = (o if o.startswith(DOOR) else f"{EXTERNAL}{o}" for o in track.barred)
-        blockers = {*barred, *doors}
-        for name in track.crowded_by:
-            blockers.add(name if name in robots else f"{EXTERNAL}{name}")
+        known = self._spaces
+        cells = [slot.cell for slot in islice(track.owned, SPACES_MAX)]
+        spaces = [known[cell] if cell in known else self._space(cell) for cell in cells]
+        blockers = {*doors}
+        for name in track.barred:
+            blockers.add(name if name.startswith(DOOR) else f"{EXTERNAL}{name}")
+        names = [*track.crowded_by]
         if track.promised:
             slot = track.promised[0]
-            for name in self._grants.blockers(slot.cell, track.name, slot.commit):
-                blockers.add(name if name in robots else f"{EXTERNAL}{name}")
+            names += self._grants.blockers(slot.cell, track.name, slot.commit)
+        for name in names:
+            blockers.add(name if name in robots else f"{EXTERNAL}{name}")
         return Plan(
             scene=self._scene,
             robot=track.name,

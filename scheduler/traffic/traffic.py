@@ -210,7 +210,8 @@ class Traffic(Answers):
             off = max(abs(point.x_m - report.x_m), abs(point.y_m - report.y_m))
             if off <= MOVED_M:  # what it rests on is no wider
                 return
-        if self._admission.moved(track, report, self._execution.taken(track)):
+        if self._admission.has_moved(track, report):
+            self._admission.put_anew(track, report, self._execution.taken(track))
             self._news(track)
 
     # -- the judge

@@ -102,6 +102,7 @@ class Situation:
             robot = fleet.robots[key]
             orders = tuple(fleet.orders[o] for o in robot.orders)
             robots[robot.name] = RobotView(
+                name=robot.name,
                 robot=robot,
                 orders=orders,
                 at=current(orders),
