@@ -1,36 +1,37 @@
 """Whole fleets with kinematics: on the lattice with the mix of faults, and in generated warehouses.
 
-Run as `python -m bench.fleets`, or with `--quick` for minutes instead of hours of simulation.
-Robots are those of `sim`; the judge goes by their true polygons at every step and ends the run at
-the first overlap. Warehouse rows are traffic alone, those with `site` have core and dispatch as
-well; features are switched one at a time to see what each is worth.
+Run as `python -m bench.fleets`, or with `--quick` for minutes instead of hours of simulation;
+`--only` takes the rows of one function. Robots are those of `sim`; the judge goes by their true
+polygons at every step, and a run ends at the first overlap. Warehouse rows are traffic alone, those
+with `site` have core and dispatch as well; features are switched off one at a time to see what each
+is worth.
 """
 
 import argparse
 import time
 from math import inf
 
+from bench.features import BASE, VARIANTS, switched
 from bench.tables import show
-from ledger.scene_config import SceneConfig, TrafficMethod
 from sim.faults import LATE, STANDARD, FaultMix
 from sim.warehouses import for_robots
-from tests.laws.yard import STALL_MS, Yard
+from tests.laws.yard import STALL_MS, STEP_MS, Yard
 from tests.scheduler.traffic.maps import lattice
-from tests.soak_traffic import STEP_MS, Piece
+from tests.soak_traffic import STEP_MS as PASS_MS
+from tests.soak_traffic import Piece
 
 LATTICE = (4, 10, 20, 40)
 LATTICE_H = 8.0
 BAYS = 4  # of one aisle between two cross lanes, as `for_robots` draws them
 GRANTS_EVERY = 150  # steps: 30 s
-FLEETS = {100: 60.0, 300: 20.0, 1000: 5.0}  # robots: minutes of the full run
+ENDED_MAX = 60  # characters
+FLEETS = {100: 30.0, 300: 15.0, 1000: 5.0}  # robots: minutes of the full run
+WARM_UP_S = 120.0  # all robots begin side by side, parked
+SWITCHED = 100  # robots for which features are switched off …
+SWITCHED_MINUTES = 10.0
+SEEDS = (1, 2)  # … each time
 QUICK_MINUTES = 3.0
 CORE_SHARE_MAX = 0.6  # of one core, at 300 robots
-ABLATIONS = {
-    "no deadlock prevention": SceneConfig(deadlock_prevention=False),
-    "reversing": SceneConfig(reverse_out_of_deadlock=True),
-    "Venus": SceneConfig(traffic_method=TrafficMethod.VENUS),
-}
-
 Row = dict[str, float | str]
 
 
@@ -55,17 +56,27 @@ def warehouse(robots: int, mix: FaultMix, seed: int = 1) -> Yard:
     )
 
 
-def measured(yard: Yard, hours: float) -> Row:
-    """Run for so long, and give what came of it; ends at an overlap, and tells of a stall."""
-    yard.run(hours * 3600, grants_every=GRANTS_EVERY)
+def measured(yard: Yard, hours: float, warm_up_s: float = 0.0) -> Row:
+    """Run for so long, and give what came of it; an overlap ends the run, and the row says so."""
+    ended = ""
+    try:
+        yard.run(warm_up_s, grants_every=GRANTS_EVERY)
+        before, begun_ms, begun_s = sum(yard.done.values()), yard.now_ms, yard.planning_s
+        yard.run(hours * 3600, grants_every=GRANTS_EVERY)
+    except AssertionError as wrong:
+        ended = f"overlap {wrong}"[:ENDED_MAX]
+        before, begun_ms, begun_s = 0, yard.now_ms - STEP_MS, 0.0
+    passed_s = (yard.now_ms - begun_ms) / 1000
     return {
         "robots": float(len(yard.robots)),
-        "simulated_h": hours,
-        "overlaps": 0.0,
-        "tasks_per_h": sum(yard.done.values()) / hours,
+        "simulated_h": passed_s / 3600,
+        "overlaps": float(bool(ended)),
+        "tasks_per_h": (sum(yard.done.values()) - before) / passed_s * 3600,
         "longest_order_s": yard.longest_ms / 1000,
+        "longest_stand_s": yard.still_ms / 1000,
         "longest_without_cause_s": yard.unnamed_ms / 1000,
-        "traffic_core_share": yard.planning_s / hours / 3600,
+        "traffic_core_share": (yard.planning_s - begun_s) / passed_s,
+        "ended": ended,
     }
 
 
@@ -87,18 +98,39 @@ def _row(instance: str, row: Row, ours: float | str, at_least: float, unit: str)
 
 
 def fleets(*, quick: bool) -> list[Row]:
-    """Generated warehouses under traffic alone, and what it is with other settings."""
-    rows = []
+    """Generated warehouses under traffic alone."""
+    found = []
     for robots, minutes in FLEETS.items():
         hours = (QUICK_MINUTES if quick else minutes) / 60
-        row = measured(warehouse(robots, LATE), hours)
-        rows.append(_row("warehouse", row, row["tasks_per_h"], 0.0, "tasks/h"))
-        for name, config in ABLATIONS.items() if robots == min(FLEETS) else ():
-            yard = warehouse(robots, LATE)
+        row = measured(warehouse(robots, LATE), hours, WARM_UP_S)
+        found.append(_row("warehouse", row, row["tasks_per_h"], 0.0, "tasks/h"))
+    return found
+
+
+def features(*, quick: bool) -> list[Row]:
+    """The same with each feature switched off, and with the other planner; means of the seeds, and
+    the worst of what is the longest.
+    """
+    hours = (QUICK_MINUTES if quick else SWITCHED_MINUTES) / 60
+    return [_switched(name, hours) for name in VARIANTS]
+
+
+def _switched(name: str, hours: float) -> Row:
+    runs = []
+    for seed in SEEDS:
+        with switched(name) as config:
+            yard = warehouse(SWITCHED, LATE, seed)
             yard.tune(config)
-            row = measured(yard, hours)
-            rows.append(_row(f"warehouse, {name}", row, row["tasks_per_h"], 0.0, "tasks/h"))
-    return rows
+            runs.append(measured(yard, hours, WARM_UP_S))
+    rates = [float(run["tasks_per_h"]) for run in runs]
+    row: Row = {**runs[0], "tasks_per_h": sum(rates) / len(rates)}
+    for key in ("longest_order_s", "longest_stand_s", "longest_without_cause_s", "overlaps"):
+        row[key] = max(float(run[key]) for run in runs)
+    row["traffic_core_share"] = sum(float(r["traffic_core_share"]) for r in runs) / len(runs)
+    row["ended"] = "; ".join(str(run["ended"]) for run in runs if run["ended"])
+    row["spread"] = max(rates) - min(rates)
+    title = "warehouse" if name == BASE else f"warehouse, {name}"
+    return _row(title, row, row["tasks_per_h"], 0.0, "tasks/h")
 
 
 def site(robots: int, minutes: float) -> Row:
@@ -117,7 +149,7 @@ def site(robots: int, minutes: float) -> Row:
     made.run(minutes * 60)
     share = spent_s / minutes / 60
     return {
-        "instance": f"site, a pass each {STEP_MS} ms",
+        "instance": f"site, a pass each {PASS_MS} ms",
         "robots": float(robots),
         "ours": share,
         "at_least": CORE_SHARE_MAX if robots <= 300 else inf,
@@ -129,17 +161,26 @@ def site(robots: int, minutes: float) -> Row:
     }
 
 
-def rows(*, quick: bool = False) -> list[Row]:
-    """All rows of this module."""
-    sites = [site(n, QUICK_MINUTES if quick else FLEETS[n]) for n in (100, 300)]
-    return [*lattices(quick=quick), *fleets(quick=quick), *sites]
+def sites(*, quick: bool) -> list[Row]:
+    """Whole sites."""
+    return [site(n, QUICK_MINUTES if quick else FLEETS[n]) for n in (100, 300)]
+
+
+PARTS = {"lattices": lattices, "fleets": fleets, "features": features, "sites": sites}
+
+
+def rows(*, quick: bool = False, only: str = "") -> list[Row]:
+    """All rows of this module, or of one part of it."""
+    return [row for name, part in PARTS.items() if only in name for row in part(quick=quick)]
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
-    show("fleets", rows(quick=parser.parse_args().quick))
+    parser.add_argument("--only", default="", choices=("", *PARTS), help="one part of the table")
+    given = parser.parse_args()
+    show("fleets", rows(quick=given.quick, only=given.only))
 
 
 if __name__ == "__main__":

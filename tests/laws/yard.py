@@ -32,6 +32,8 @@ STEP_MS = 200
 REPORT_MS = 1_000  # everybody, news or not
 SILENT_MS = 10_000  # then a robot counts as lost
 STALL_MS = 120_000
+LOOK_MS = 1_000  # between two looks for who stands without a cause
+LANE_MAX = 2  # orders at a time into one aisle (design notes, traffic §11 rule 10)
 MOVING_MS = 10_000  # who has moved since is under way
 SETTLED_MS = 2_000  # after people have moved a robot, until it is where it says
 EVER = (WaitReason.BEHIND_ROBOT, WaitReason.YIELDING, WaitReason.PUSHED)  # no cause by themselves
@@ -71,6 +73,7 @@ class Yard:
         self.heard: dict[RobotName, Report] = {}
         self.heard_ms = dict.fromkeys(self.robots, self.now_ms)
         self.moved_ms = dict.fromkeys(self.robots, self.now_ms)
+        self.caused_ms = dict.fromkeys(self.robots, self.now_ms)  # or there was a cause not to
         self.people_ms: dict[RobotName, int] = {}  # when they last had a robot in hand
         self.strays: set[RobotName] = set()  # people left them on ground of others
         self.poses: dict[RobotName, tuple[float, float, float]] = {}
@@ -82,7 +85,7 @@ class Yard:
         self.happened: Counter[str] = Counter()
         self.longest_ms = 0  # that an order has taken
         self.still_ms = 0  # that a robot with an order stood, whatever the reason
-        self.unnamed_ms = 0  # that it stood and no cause was named for it
+        self.unnamed_ms = 0  # that it stood without any cause named for it
         self.stall: list[object] = []
         self.planning_s = 0.0  # of processor time
         self._claims = 0
@@ -176,7 +179,7 @@ class Yard:
         taken = {other.point for other in self.goals.values()}
         full = Counter(self.lane_of[p] for p in taken if p in self.lane_of)
         free = [p for p in self.goal_points if p not in taken]
-        free = [p for p in free if full.get(self.lane_of.get(p, ""), 0) < 2]
+        free = [p for p in free if full.get(self.lane_of.get(p, ""), 0) < LANE_MAX]
         if not free:
             return None
         point = self.chance.choice(free)
@@ -253,16 +256,12 @@ class Yard:
     # -- looking on
 
     def _look(self) -> None:
-        stalled = []
         for name, robot in self.robots.items():
             pose = place(robot)[:3]
             if pose != self.poses.get(name) or name not in self.goals or name in self.busy:
                 self.moved_ms[name] = self.now_ms
             self.poses[name] = pose
-            still_ms = self.now_ms - self.moved_ms[name]
-            self.still_ms = max(self.still_ms, still_ms)
-            if still_ms > self.unnamed_ms and still_ms > STALL_MS / 4:
-                stalled.append(name)
+            self.still_ms = max(self.still_ms, self.now_ms - self.moved_ms[name])
             if name in self.goals:
                 self.longest_ms = max(self.longest_ms, self.now_ms - self.ordered_ms[name])
         for key, trouble in self.world.troubles.items():
@@ -270,8 +269,10 @@ class Yard:
                 name = RobotName(key.split("/")[1])
                 self.people_ms[name] = self.now_ms
                 self.strays.add(name)
-        if stalled:
-            self._stalled(stalled)
+        stood = [n for n, at_ms in self.moved_ms.items() if self.now_ms - at_ms > STALL_MS / 8]
+        self.caused_ms.update((n, self.now_ms) for n in self.robots.keys() - set(stood))
+        if stood and self.now_ms % LOOK_MS < STEP_MS:
+            self._stalled(stood)
 
     def _stalled(self, names: list[RobotName]) -> None:
         plans = {plan.robot: plan for plan in self.traffic.plans(self.now_ms)}
@@ -280,9 +281,11 @@ class Yard:
         moving = {n for n, at_ms in self.moved_ms.items() if self.now_ms - at_ms < MOVING_MS}
         named = explained(plans, late | moving | {RobotName(name) for name in struck})
         for name in names:
-            still_ms = self.now_ms - self.moved_ms[name]
-            if name not in named and still_ms > self.unnamed_ms:
-                self.unnamed_ms, self.stall = still_ms, [name, plans[name]]
+            since_ms = max(self.moved_ms[name], self.caused_ms[name])
+            if name in named:
+                self.caused_ms[name] = self.now_ms
+            elif self.now_ms - since_ms > self.unnamed_ms:
+                self.unnamed_ms, self.stall = self.now_ms - since_ms, [name, plans[name]]
 
     def bodies(self, names: Sequence[RobotName] | None = None) -> dict[RobotName, shapely.Polygon]:
         chosen = list(self.robots) if names is None else names
@@ -294,8 +297,8 @@ class Yard:
         near = near_others(self.robots)
         if near:
             assert collisions(self.bodies(near)) == [], f"at {self.now_ms - 1_000_000} ms"
-        bodies = self.bodies() if self.owned else {}
         grounds = {id_: shapely.Polygon(self.claims[id_][1]) for id_ in self.owned}
+        bodies = self.bodies(self._near(grounds.values()))
         on = {
             (name, self.claims[id_][0])
             for id_, ground in grounds.items()
@@ -306,7 +309,17 @@ class Yard:
         assert {(name, owner) for name, owner in on if name not in self.strays} == set()
         for id_ in self.strangers.keys() & self.owned:
             shape = shapely.Polygon(self.strangers[id_].corners())
-            assert not any(shape.intersects(bodies[n]) for n in self.robots if n not in self.strays)
+            assert not any(shape.intersects(b) for n, b in bodies.items() if n not in self.strays)
+
+    def _near(self, grounds: Collection[shapely.Polygon]) -> list[RobotName]:
+        """Robots whose discs reach into the boxes round these."""
+        found: dict[RobotName, None] = {}
+        for left, low, right, high in (ground.bounds for ground in grounds):
+            for name, robot in self.robots.items():
+                (x, y, _, _), reach_m = place(robot), robot.body.radius_m
+                if left - reach_m < x < right + reach_m and low - reach_m < y < high + reach_m:
+                    found[name] = None
+        return list(found)
 
     def _in_hand(self, name: RobotName) -> bool:
         return self.now_ms - self.people_ms.get(name, 0) <= SETTLED_MS
