@@ -67,7 +67,13 @@ class Shift:
         self.world = World(random.Random(seed), faults)
         self.sim = SimRole(self.bus, FeedFollower(self.bus), self.world, report_ms=step_ms)
         self.sim.start(self.now_ms)
-        self.role = SchedulerRole(self.bus, None)
+        self.role = self._scheduler()
+
+    def _scheduler(self) -> SchedulerRole:
+        others = set(map(id, self.bus.listeners()))
+        role = SchedulerRole(self.bus, None)
+        self._its_own = [entry for entry in self.bus.listeners() if id(entry) not in others]
+        return role
 
     def _handler(self, fleet: Fleet) -> Handler:
         return Handler(
@@ -128,4 +134,5 @@ class Shift:
 
     def restart_scheduler(self) -> None:
         """Leave the scheduler and start a new one, which knows only state and reports."""
-        self.role = SchedulerRole(self.bus, None)
+        self.bus.end(self._its_own)
+        self.role = self._scheduler()

@@ -32,6 +32,7 @@ Handler: TypeAlias = Callable[[str, bytes], None]  # key, payload
 Collected: TypeAlias = Callable[[], bytes | None]  # the oldest payload not yet fetched
 Responder: TypeAlias = Callable[[bytes], Iterable[bytes]]  # question -> answers
 Watcher: TypeAlias = Callable[[str, bool], None]  # key, alive
+Listener: TypeAlias = tuple[str, Handler] | tuple[str, Watcher]  # who has asked for which keys
 
 
 def report_key(scene: SceneId, robot: RobotName) -> str:
@@ -146,6 +147,17 @@ class MemoryBus:
     def subscribe(self, key: str, handler: Handler) -> None:
         """Deliver matching messages to the handler from now on."""
         self._handlers.append((key, handler))
+        self._heard_by.clear()
+
+    def listeners(self) -> tuple[Listener, ...]:
+        """Give all subscriptions and watches."""
+        return (*self._handlers, *self._watchers)
+
+    def end(self, listeners: Iterable[Listener]) -> None:
+        """Deliver nothing more to these: who made them is gone."""
+        gone = {id(listener) for listener in listeners}
+        self._handlers[:] = [entry for entry in self._handlers if id(entry) not in gone]
+        self._watchers[:] = [entry for entry in self._watchers if id(entry) not in gone]
         self._heard_by.clear()
 
     def collect(self, key: str, most: int) -> Collected:

@@ -55,7 +55,7 @@ def too_near(
         if other.body.scene != robot.body.scene:
             continue
         reach_m = robot.body.radius_m + other.body.radius_m + ROOM_M
-        for x, y in taken(other):
+        for x, y in taken(other, (x_m, y_m), reach_m):
             off_m = hypot(x - x_m, y - y_m)
             if off_m < reach_m:
                 found.append((off_m, x, y))

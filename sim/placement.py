@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from math import atan2, hypot, pi
+from math import atan2, dist, hypot, inf, pi
 
 from ledger.ids import PointName
 from ledger.scene import XY, Area, Group, Path, Point, PointKind, Value
@@ -75,13 +75,16 @@ def radius_m(group: Group) -> float:
     return max((hypot(x, y) for x, y in group.footprint), default=0.0)
 
 
-def taken(robot: SimRobot) -> Iterator[XY]:
-    """Give where a robot stands, and points along the way that it may still drive."""
+def taken(robot: SimRobot, near: XY = (0.0, 0.0), within_m: float = inf) -> Iterator[XY]:
+    """Give where a robot stands, and points along the way that it may still drive; of a part that
+    is no nearer than that at any point, its end only.
+    """
     x, y, _, _ = place(robot)
     yield x, y
     for leg in robot.legs:
-        yield leg.piece.curve[-1]
-        if leg.track is not None:
+        end = leg.piece.curve[-1]
+        yield end
+        if leg.track is not None and dist(end, near) <= within_m + leg.track.length_m + 1e-3:
             yield from leg.track.spots_m
 
 

@@ -142,7 +142,7 @@ def _obstacle(
         return None, {}
     if at.order.suspended:
         return Why.ORDER_SUSPENDED, {}
-    if takes_load(view, robot) and not view.roads.has_room(robot.name) and robot.blocked_by:
+    if robot.blocked_by and takes_load(view, robot) and not view.roads.has_room(robot.name):
         return Why.NO_ROOM_TO_LOAD, dict.fromkeys(
             sorted(robot.blocked_by), Why.ROBOT_IN_THE_WAY.value
         )

@@ -39,6 +39,7 @@ class Admission:
         self.path_m = within_m  # … and of a path
         self.entries: dict[str, list[Entry]] = {}
         self._locator = Locator(roadmap)
+        self._shapes: dict[int, shapely.Polygon] = {}  # as last seen: a number never has another
         self._sessions: dict[str, int] = {}  # robot -> newest number
 
     def receive(self, track: Track, report: Report, taken: int) -> None:
@@ -226,11 +227,10 @@ class Admission:
 
     def _shape(self, shape: shapely.Polygon) -> int:
         """Make a cell of a shape; untaken."""
-        others = [
-            number
-            for number, ring in sorted(self.grants.shapes().items())
-            if shapely.Polygon(ring).intersects(shape)
-        ]
+        known, rings = self._shapes, sorted(self.grants.shapes().items())
+        self._shapes = {n: known[n] if n in known else shapely.Polygon(ring) for n, ring in rings}
+        met = shapely.intersects(shape, np.array([*self._shapes.values()], dtype=object))
+        others = [number for number, is_met in zip(self._shapes, met, strict=True) if is_met]
         ring = tuple((x, y) for x, y in shapely.get_coordinates(shape)[:-1].tolist())
         return self.grants.add_shape(ring, (*self.roadmap.meeting(shape), *others))
 

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Mapping
-from itertools import groupby
 from typing import TypeAlias
 
 import msgspec
@@ -150,19 +149,15 @@ class Track(msgspec.Struct, kw_only=True):
         """Paths still to be driven, the one it is on included; parts of one count once."""
         if self.driven:
             return ()
-        left = (
-            piece.path
-            for piece, _ in self.pieces
-            if piece.path is not None
-            and (
-                piece.number > self.progress.piece
-                or (
-                    piece.number == self.progress.piece
-                    and self.progress.along_m < piece.length_m - ARRIVED_M
-                )
-            )
-        )
-        return tuple(path for path, _ in groupby(left))
+        left: list[PathKey] = []
+        at = self.progress
+        for piece, _ in self.pieces:
+            path, number = piece.path, piece.number
+            if path is None or number < at.piece or (left and left[-1] == path):
+                continue
+            if number > at.piece or at.along_m < piece.length_m - ARRIVED_M:
+                left.append(path)
+        return tuple(left)
 
     def extend(self, pieces: list[Piece], slots: list[Slot], grants: Grants) -> None:
         """Append a committed move: its pieces to the route, its cells as promises."""
