@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import DISPATCHER, Plan, Report
@@ -358,12 +359,10 @@ class Yard:
 def near_others(robots: Mapping[RobotName, SimRobot]) -> list[RobotName]:
     """Robots whose discs meet another's: of these alone the bodies can overlap."""
     names = list(robots)
-    at = np.array([place(robot)[:2] for robot in robots.values()])
+    at = np.array([place(robot)[:2] for robot in robots.values()]).reshape(-1, 2)
     reach_m = 2 * max((robot.body.radius_m for robot in robots.values()), default=0.0)
-    off = at[:, None, :] - at[None, :, :]
-    meets = (off**2).sum(axis=2) < reach_m**2
-    np.fill_diagonal(meets, False)
-    return [names[k] for k in np.flatnonzero(meets.any(axis=1))]
+    pairs = cKDTree(at).query_pairs(reach_m, output_type="ndarray")
+    return [names[k] for k in np.unique(pairs)]
 
 
 def explained(plans: Mapping[RobotName, Plan], causes: Collection[RobotName]) -> set[RobotName]:
