@@ -118,6 +118,11 @@ class Admission:
         track.place, track.heading_rad, track.trouble = entry.place, build.heading_rad, None
         del self.entries[track.name]
 
+    def halt(self, track: Track) -> None:
+        """Drive no further than is granted, and be placed anew there."""
+        track.cut_back(self.grants)
+        track.place, track.trouble = None, OLD_ROUTE
+
     # -- its class changes (see `classes`)
 
     def change_class(self, track: Track, loaded: bool) -> None:

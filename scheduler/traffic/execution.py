@@ -18,6 +18,10 @@ from scheduler.traffic.track import Shut, Track
 from scheduler.traffic.waits import Outcome
 from scheduler.traffic.world import World, room, turning_room
 
+# Ways to a first stop come before all that is committed; among each other in the order in which
+# they are, as everything: the later ones count on where the earlier ones end.
+BEFORE_ALL = -(10**9)
+
 
 class Execution:
     """Numbers commits and gives out ground; the robots it knows are those of `tracks`."""
@@ -30,7 +34,7 @@ class Execution:
         self._admission, self._reserved = admission, reserved
         self.guard = Guard(roadmap, grants)
         self._last = 0
-        self._first = 0  # ways to a first stop come before all that is committed
+        self._entered = BEFORE_ALL
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
         self.touched: set[RobotName] = set()  # there is something to tell them
         self.freed = False  # ground, since the last `acquire`
@@ -91,13 +95,25 @@ class Execution:
             track = self.tracks[RobotName(name)]
             if track.lost or name in fixed:
                 continue
+            self._halt_for(track)
             taken = self.taken(track)
             for entry in self._admission.entries[name]:
                 if not entry.need & taken and not self._reserved.bars_entry(track, entry):
-                    self._first -= 1
-                    self._admission.enter(track, entry, self._first)
+                    self._entered += 1
+                    self._admission.enter(track, entry, self._entered)
                     self.touched.add(track.name)
                     break
+
+    def _halt_for(self, track: Track) -> None:
+        """Halt those who are promised the ground that a robot rests on: they counted on its
+        leaving, but it never heard of that before the scheduler started anew, or people have
+        brought it there. Its next move would wait for their promises, and they for it, for ever.
+        """
+        promised, excluded = self._grants.promised, self._grants.excluded
+        names = {n for slot in track.owned for cell in excluded(slot.cell) for n in promised(cell)}
+        for name in sorted((names - {track.name}) & self.tracks.keys()):
+            self._admission.halt(self.tracks[RobotName(name)])
+            self.freed = True
 
     def admit(
         self,
@@ -115,12 +131,15 @@ class Execution:
                 positions |= 1 << track.place
         for name, moves in proposed:
             track = self.tracks[RobotName(name)]
-            assert track.place is not None
+            if track.place is None:  # halted just now, for another one
+                continue
             here = 1 << track.place
             goal = track.aim
             need = room(world, track.place, track.heading_rad, moves, goal) & ~here
             before = track.place, track.heading_rad, track.commit
             if track.near and not need & positions and (safe is None or safe.take(name, moves)):
+                if track.driven:
+                    self._halt_for(track)
                 ahead = self._ahead(world, track, moves, goal, positions & ~here)
                 self._commit(track, moves, goal, ahead)
                 positions = positions & ~here | 1 << track.place

@@ -88,7 +88,7 @@ class Robot:
             return
         if message.session != self.session:
             assert self.speed == 0.0
-            self.session, self.pieces = message.session, {}
+            self.session, self.pieces, self.curve = message.session, {}, None
             self.progress = self.authority = Mark()
         for piece in message.pieces:
             assert self.pieces.setdefault(piece.number, piece) == piece
