@@ -33,8 +33,11 @@ class Reconnects:
 
     def due(self, robot: Robot, config: SceneConfig, now_ms: int) -> Reconnect | GiveUpRobot | None:
         """Give what to tell the robot, or to propose, now; nothing while it is not missed."""
+        missed = not (robot.online or robot.given_up or robot.config.disabled)
+        if not missed and not self._attempts:
+            return None  # nearly always
         key = robot_key(robot.scene, robot.name)
-        if robot.online or robot.given_up or robot.config.disabled:
+        if not missed:
             self._attempts.pop(key, None)
             return None
         attempts = self._attempts.setdefault(key, _Attempts(next_ms=now_ms + FIRST_MS))

@@ -6,7 +6,8 @@ from math import atan2, dist, hypot, inf, pi
 
 from ledger.ids import PointName
 from ledger.scene import XY, Area, Group, Path, Point, PointKind, Value
-from sim.robot import SimRobot, place
+from sim.legs import Leg
+from sim.robot import JOIN_M, SimRobot, place
 
 CLEARANCE_M = 0.05
 SQUARE_M = 2.0  # about the reach of a robot
@@ -79,13 +80,22 @@ def taken(robot: SimRobot, near: XY = (0.0, 0.0), within_m: float = inf) -> Iter
     """Give where a robot stands, and points along the way that it may still drive; of a part that
     is no nearer than that at any point, its end only.
     """
-    x, y, _, _ = place(robot)
-    yield x, y
+    if not robot.legs or _comes_near(robot.legs[0], near, within_m):
+        x, y, _, _ = place(robot)
+        yield x, y
     for leg in robot.legs:
-        end = leg.piece.curve[-1]
-        yield end
-        if leg.track is not None and dist(end, near) <= within_m + leg.track.length_m + 1e-3:
+        yield leg.piece.curve[-1]
+        if leg.track is not None and _comes_near(leg, near, within_m):
             yield from leg.track.spots_m
+
+
+def _comes_near(leg: Leg, near: XY, within_m: float) -> bool:
+    """Tell whether it may: nothing of it is further from its end than it is long; who has not set
+    out stands up to a gap between two pieces before it.
+    """
+    if leg.track is None:
+        return True
+    return dist(leg.piece.curve[-1], near) <= within_m + leg.track.length_m + JOIN_M
 
 
 def free_place(

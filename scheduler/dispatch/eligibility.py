@@ -29,8 +29,8 @@ def trouble(view: View, robot: RobotView) -> Why | None:
     why = stopped(robot)
     if why is not None:
         return why
-    if view.scene.config.pause_on_robot_error and any(a.level in _SERIOUS for a in report.alarms):
-        return Why.ROBOT_FAULT
+    if report.alarms and view.scene.config.pause_on_robot_error:
+        return Why.ROBOT_FAULT if any(a.level in _SERIOUS for a in report.alarms) else None
     return None
 
 

@@ -24,8 +24,9 @@ def carries(robot: Robot, report: Report | None) -> bool:
     Either is enough: robots without sensors report no loads, and the ledger knows of no load that
     somebody put there by hand.
     """
-    reported = report is not None and bool(report.loads)
-    return reported or any(content.status in ON_BOARD for content in robot.bins)
+    if report is not None and report.loads:
+        return True
+    return not ON_BOARD.isdisjoint([content.status for content in robot.bins])
 
 
 def corners(group: Group, *, loaded: bool) -> tuple[XY, ...]:
