@@ -44,7 +44,7 @@ class Execution:
         """Go on behind the numbers that a robot has brought along from before our start."""
         numbers = [slot.commit for slot in (*track.owned, *track.promised)]
         self._last = max([self._last, *numbers])
-        self._first = min([self._first, *numbers])
+        self._entered = max([self._entered, *(number for number in numbers if number < 0)])
 
     def taken(self, track: Track) -> int:
         """Bits of the places of all others."""
