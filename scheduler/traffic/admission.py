@@ -93,7 +93,7 @@ class Admission:
             if legs and math.hypot(report.x_m - x, report.y_m - y) > MARGIN_M:
                 point = None  # it is on its way: what is left of the path is driven
         place = None if point is None else self.roadmap.place_at.get(point)
-        if place is not None and not taken >> place & 1:
+        if place is not None and not taken & (self.roadmap.places.conflict[place] | 1 << place):
             track.place, track.heading_rad = place, report.heading_rad
             self._claim(track, report, point)
             return

@@ -46,6 +46,21 @@ class Execution:
         self._last = max([self._last, *numbers])
         self._entered = max([self._entered, *(number for number in numbers if number < 0)])
 
+    def displace(self, track: Track) -> None:
+        """Whoever was placed before this one was heard, where its old route ends or too near to
+        that, has to go elsewhere: two robots at one place do not see each other.
+        """
+        if track.place is None or not track.pieces:
+            return
+        excluded = self._roadmap.places.conflict[track.place] | 1 << track.place
+        for other in self.tracks.values():
+            if other is track or other.place is None or other.pieces or other.report is None:
+                continue
+            if excluded >> other.place & 1:
+                self._admission.put_anew(other, other.report, self.taken(other))
+                self.touched.add(other.name)
+                self.freed = True
+
     def taken(self, track: Track) -> int:
         """Bits of the places of all others."""
         bits = 0
