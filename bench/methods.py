@@ -1,0 +1,125 @@
+"""The two planners beside each other: `Distributed` (PIBT) and `Venus` (conflict-based search).
+
+Run as `python -m bench.methods`, or with `--quick`; `--only` takes instances with this in their
+names. Maps, delays and free flow are those of `bench.floors`. Venus searches where it stands here,
+so that it costs no simulated time; how long its searches take says whether it could keep up.
+"""
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from bench.floors import (
+    GRANTS_S,
+    JUDGE_S,
+    WARM_UP_S,
+    Instance,
+    Row,
+    _instances,
+    floor,
+    report,
+)
+from ledger.scene_config import SceneConfig, TrafficMethod
+from scheduler.traffic.venus import Answer, Venus, at_once
+from tests.scheduler.traffic.floor import DT_S
+
+CHOSEN = (("fine lattice", (30, 60)), ("paired", (20, 30)))  # part of the name, robots
+SECONDS, QUICK_S = 900, 240
+SEEDS = (1, 2, 3)
+QUICK_SEEDS = (1, 2)
+
+_T = TypeVar("_T")
+
+
+class Timed:
+    """Searches at once, and keeps how long each of them took."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.spent_s: list[float] = []
+
+    def think(self, work: Callable[[], _T]) -> Answer[_T]:
+        """As `venus.Think`."""
+        began_s = time.process_time()
+        found = at_once(work)
+        self.spent_s.append(time.process_time() - began_s)
+        return found
+
+
+def measure(instance: Instance, method: TrafficMethod, seed: int, seconds: float) -> Row:
+    """One run under the judge."""
+    made, timed = floor(instance, seed), Timed()
+    made.traffic._think = timed.think
+    made.traffic.tune(SceneConfig(traffic_method=method))
+    for _ in range(round(WARM_UP_S / DT_S)):
+        made.tick()
+    made.begin()
+    began_s = time.process_time()
+    for k in range(round(seconds / DT_S)):
+        made.tick()
+        if k % round(JUDGE_S / DT_S) == 0:
+            made.judge_bodies()
+        if k % round(GRANTS_S / DT_S) == 0:
+            made.judge()
+    spent_s = sorted(timed.spent_s) or [0.0]
+    planner = made.traffic._planner
+    counted = planner.counted if isinstance(planner, Venus) else None
+    return {
+        "orders_per_h": made.orders_per_h(),
+        "unserved_s": made.unserved_ms / 1000,
+        "cpu_share": (time.process_time() - began_s) / seconds,
+        "search_ms_mean": 1000 * sum(spent_s) / len(spent_s),
+        "search_ms_max": 1000 * spent_s[-1],
+        "by_pibt": counted.by_pibt / max(counted.proposals, 1) if counted else 1.0,
+    }
+
+
+def free_flow(instance: Instance, seed: int, seconds: float) -> float:
+    """Orders an hour of robots that pass through each other."""
+    control = floor(instance, seed, free_flow=True)
+    for _ in range(round(WARM_UP_S / DT_S)):
+        control.tick()
+    control.begin()
+    for _ in range(round(seconds / DT_S)):
+        control.tick()
+    return control.orders_per_h()
+
+
+def row(instance: Instance, method: TrafficMethod, free: float, quick: bool) -> Row:
+    """All seeds of one instance under one planner: means, and the longest."""
+    seconds = QUICK_S if quick else SECONDS
+    seeds = QUICK_SEEDS if quick else SEEDS
+    runs = [measure(instance, method, seed, seconds) for seed in seeds]
+    found: Row = {"instance": f"{instance.name}, {method.value}", "robots": instance.robots}
+    orders = [float(run["orders_per_h"]) for run in runs]
+    found |= {
+        "ours": sum(orders) / len(orders) / free,
+        "at_least": instance.share,
+        "aim": instance.aim,
+        "unit": "share of free flow",
+        "spread": (max(orders) - min(orders)) / free,
+    }
+    for key in runs[0]:
+        values = [float(run[key]) for run in runs]
+        longest = key in ("unserved_s", "search_ms_max")
+        found[key] = max(values) if longest else sum(values) / len(values)
+    return found
+
+
+def rows(quick: bool = False, only: str = "") -> list[Row]:
+    """Both planners on each instance."""
+    found = []
+    for part, robots in CHOSEN:
+        for instance in _instances():
+            name = f"{instance.name} {instance.robots}"
+            if part not in name or instance.robots not in robots or only not in name:
+                continue
+            seeds = QUICK_SEEDS if quick else SEEDS
+            seconds = QUICK_S if quick else SECONDS
+            free = sum(free_flow(instance, seed, seconds) for seed in seeds) / len(seeds)
+            found += [row(instance, method, free, quick) for method in TrafficMethod]
+    return found
+
+
+if __name__ == "__main__":
+    report("traffic: the two planners", rows, __doc__)
