@@ -1,6 +1,6 @@
 """`make bench-traffic`: every instance that traffic is held against, in one table.
 
-Run as `python -m bench.traffic [--quick] [floors maps grids fleets]`. All is simulated: the same
+Run as `python -m bench.traffic [--quick] [floors methods maps grids fleets]`. All is simulated: the same
 rows on every machine, but for processor times.
 """
 
@@ -12,7 +12,7 @@ import msgspec
 
 from bench.tables import show
 
-NAMES = ("floors", "maps", "grids", "fleets")
+NAMES = ("floors", "methods", "maps", "grids", "fleets")
 RESULTS = Path(__file__).parent / "results"
 
 
