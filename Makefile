@@ -3,6 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 MINUTES ?= 20
 SEED ?= 1
+DAYS ?= 0
 
 .PHONY: demo test lint check bench bench-traffic soak format docs clean
 
@@ -28,6 +29,7 @@ bench-traffic: .venv/dev
 
 soak: .venv/dev
 	$(BIN)/python -m tests.soak --minutes $(MINUTES) --seed $(SEED)
+	$(if $(filter-out 0,$(DAYS)),$(BIN)/python -m tests.soak_traffic --days $(DAYS))
 
 format: .venv/dev
 	$(BIN)/ruff format .
