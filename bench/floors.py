@@ -9,7 +9,7 @@ that of the design notes (traffic §11): 1.0 x 0.7 m and 5 cm around it, 1.2 m/s
 import argparse
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ import msgspec
 from bench.tables import show
 from ledger.ids import BinName, PointName
 from ledger.scene import XY, Area, Bin, Group, Kinematics, Path, Point, PointKind
+from scheduler.corridors import corridors_of
 from tests.scheduler.traffic.floor import DT_S, Floor
 from tests.scheduler.traffic.maps import area_of
 
@@ -30,7 +31,6 @@ UNSERVED_S_MAX = 120
 AISLES, AISLE_M, PITCH_M, BLIND = 12, 20, 2.5, (2, 6, 10)
 STUBS, STUB_M = 11, 2.5
 LANE_GAP_M = 2.0
-LANE_MAX = 2  # orders at a time into one aisle (traffic §11 rule 10)
 
 Row = dict[str, float | str]
 
@@ -43,7 +43,6 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
     area: Callable[[], Area]
     starts: Callable[[Area], list[PointName]]
     goals: Callable[[Area], list[PointName]]
-    lanes: Callable[[Area], Mapping[PointName, str]] | None = None
     service_s: float = 0.0
     share: float = 0.0  # of free flow, at least
     aim: float = 0.0
@@ -128,11 +127,6 @@ def _ends(area: Area) -> list[PointName]:
     return [point.name for point in area.points if point.kind is not PointKind.WAYPOINT]
 
 
-def _lanes(area: Area) -> dict[PointName, str]:
-    """Bins by aisle; parking stubs are in none."""
-    return {p.name: f"{p.x_m}" for p in area.points if p.kind is PointKind.ACTION}
-
-
 def _instances() -> list[Instance]:
     found = [
         Instance(
@@ -165,7 +159,6 @@ def _instances() -> list[Instance]:
             area=partial(aisles, lanes),
             starts=_ends,
             goals=_ends,
-            lanes=_lanes,
             service_s=10.0,
             share=share if lanes == "paired" else 0.0,
         )
@@ -176,7 +169,9 @@ def _instances() -> list[Instance]:
 
 
 def floor(instance: Instance, seed: int, free_flow: bool = False) -> Floor:
-    """Robots spread over the map, with orders to random goals."""
+    """Robots spread over the map, with orders to random goals; into corridors, in free flow too, no
+    more of them than dispatch sends there.
+    """
     area = instance.area()
     names = instance.starts(area)
     step = len(names) / instance.robots
@@ -188,8 +183,7 @@ def floor(instance: Instance, seed: int, free_flow: bool = False) -> Floor:
         seed=seed,
         late=LATE,
         service_s=instance.service_s,
-        lane_of=instance.lanes(area) if instance.lanes else None,
-        lane_max=LANE_MAX,
+        corridors=corridors_of(area),
         free_flow=free_flow,
     )
 

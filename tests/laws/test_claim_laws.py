@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from ledger.ids import PointName
 from ledger.scene import Group
+from scheduler.corridors import Corridor
 from tests.laws.test_traffic_laws import floors
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import lattice, warehouse
@@ -95,9 +96,13 @@ def busy_floor(seed: int, *, aisles: bool) -> Floor:
     rests = [n for n in points if n[0] in "SNP"]
     goals = [PointName(n) for n in points if n[0] in "BP"]
     starts = {f"R{k}": (name, 0.0) for k, name in enumerate(chance.sample(rests, 4))}
-    lanes = {PointName(n): n.split("-")[0] for n in points if n.startswith("B")}
+    lanes = {
+        PointName(n): Corridor(name=PointName(n.split("-")[0]), orders_max=2)
+        for n in points
+        if n.startswith("B")
+    }
     group = (Group(id=0, name="g"),)
-    return Floor(area, group, starts, goals, seed=seed, service_s=1.0, lane_of=lanes)
+    return Floor(area, group, starts, goals, seed=seed, service_s=1.0, corridors=lanes)
 
 
 @FEW

@@ -10,7 +10,7 @@ from scheduler.corridors import find_corridors
 def scene(*lanes: str, one_way: tuple[str, ...] = ()) -> Scene:
     """Make a map of chains of one-letter points."""
     names = sorted({name for lane in (*lanes, *one_way) for name in lane})
-    points = tuple(Point(name=PointName(n), x_m=0.0, y_m=0.0) for n in names)
+    points = tuple(Point(name=PointName(n), x_m=2.0 * k, y_m=0.0) for k, n in enumerate(names))
     there = [
         Path(start=PointName(a), end=PointName(b))
         for lane in (*lanes, *one_way)
@@ -36,4 +36,12 @@ def test_short_stubs_and_one_way_roads_are_none() -> None:
 
 def test_a_long_corridor_takes_more_orders() -> None:
     found = find_corridors(scene("abcdefghijklmnopqrstuvwxyz"))
-    assert {corridor.orders_max for corridor in found.values()} == {3}
+    assert {corridor.orders_max for corridor in found.values()} == {5}
+
+
+def test_a_dead_end_takes_one_order() -> None:
+    """A second one, if it leads deeper, waits in everybody's way until the first is out."""
+    found = find_corridors(scene("cdefghijk", "acb"))
+    assert {point: corridor.orders_max for point, corridor in found.items()} == dict.fromkeys(
+        map(PointName, "defghijk"), 1
+    )

@@ -14,6 +14,7 @@ from ledger.ids import PointName, RobotName, SceneId
 from ledger.link import Drive, Mark, Piece, Report, TellRoute
 from ledger.scene import XY, Area, Group
 from ledger.scene_config import SceneConfig
+from scheduler.corridors import Corridors
 from scheduler.goal import Goal
 from scheduler.traffic.judge import body, collisions, double_grants, outside
 from scheduler.traffic.traffic import Traffic
@@ -217,18 +218,17 @@ class Floor:
         late: float = 0.0,
         service_s: float = 5.0,
         group_of: Mapping[str, int] | None = None,
-        lane_of: Mapping[PointName, str] | None = None,
-        lane_max: int = 2,
+        corridors: Corridors | None = None,
         free_flow: bool = False,
         config: SceneConfig | None = None,
     ) -> None:
-        """`lane_of`: dispatch sends no more than `lane_max` orders at a time into one of these;
+        """`corridors`: no more orders at a time lead into each than dispatch allows;
         `free_flow`: the control, robots that pass through each other.
         """
         self.area, self.groups = area, groups
         self.chance = random.Random(seed)
         self.goal_points, self.late, self.service_s = goals, late, service_s
-        self.lane_of, self.lane_max = dict(lane_of or {}), lane_max
+        self.corridors: Corridors = {} if corridors is None else corridors
         self.points = {point.name: point for point in area.points}
         self.now_ms = 1_000_000
         self.robots: dict[RobotName, Robot] = {}
@@ -285,14 +285,19 @@ class Floor:
             elif goal is None and name not in self.idle:
                 self.moved_ms[name] = self.now_ms
                 taken = {other.point for other in self.goals.values()}
-                full = Counter(self.lane_of[p] for p in taken if p in self.lane_of)
                 free = [p for p in self.goal_points if p not in taken]
-                free = [p for p in free if full.get(self.lane_of.get(p, ""), 0) < self.lane_max]
+                full = self._full(taken)
+                free = [p for p in free if p not in full]
                 if not free:
                     continue
                 point = self.chance.choice(free)
                 if self.traffic.cost_s(name, point) < math.inf:
                     self.goals[name] = Goal(point=point, rank=(0, self.now_ms, name))
+
+    def _full(self, taken: set[PointName]) -> set[PointName]:
+        """Points of corridors that enough orders lead into."""
+        many = Counter(c.name for p in taken if (c := self.corridors.get(p)) is not None)
+        return {p for p, c in self.corridors.items() if many[c.name] >= c.orders_max}
 
     def tick(self, report_loss: float = 0.0) -> None:
         self.now_ms += int(DT_S * 1000)

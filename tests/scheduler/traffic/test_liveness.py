@@ -6,6 +6,7 @@ import pytest
 
 from ledger.ids import PointName
 from ledger.scene import Group, PointKind, SceneFile
+from scheduler.corridors import Corridor
 from sim.warehouses import for_robots
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import lattice, smap, spread, warehouse
@@ -19,8 +20,8 @@ def generated(robots: int, seed: int, late: float) -> Floor:
     parking = [p.name for p in area.points if p.kind in (PointKind.PARKING, PointKind.CHARGING)]
     starts = {f"R{k:02d}": (parking[k], math.pi / 2) for k in range(robots)}
     bins = sorted({bin.point for bin in area.bins})
-    lanes = {name: f"{x:.1f}" for name, x in ((p.name, p.x_m) for p in area.points)}
-    return Floor(area, scene.groups, starts, bins, seed=seed, late=late, lane_of=lanes)
+    lanes = {p.name: Corridor(name=PointName(f"{p.x_m}"), orders_max=2) for p in area.points}
+    return Floor(area, scene.groups, starts, bins, seed=seed, late=late, corridors=lanes)
 
 
 def test_a_lattice_with_delays_keeps_going():
