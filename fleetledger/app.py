@@ -237,13 +237,12 @@ async def run(settings: Settings, stop: asyncio.Event, ready: Callable[[str, int
         stack.push_async_callback(core.close)
         fleet_at = partial(_fleet_at, settings, core.ledger)
         await asyncio.to_thread(core.history.start, core.ledger.read, fleet_at)
-        newest = core.live.fleet
+        live = core.live
         with usable(settings.data):
-            await asyncio.to_thread(core.callbacks.start, core.ledger.read, fleet_at, newest)
+            await asyncio.to_thread(core.callbacks.start, core.ledger.read, fleet_at, live.fleet)
         for path in settings.scene:
             await core.import_scene(path)
         await core.begin()
-        live = core.live
         for scene in tuple(live.fleet.scenes):
             reports = await asyncio.to_thread(last_reports, settings.telemetry, scene)
             live.recall(reports, await asyncio.to_thread(last_plans, settings.telemetry, scene))
