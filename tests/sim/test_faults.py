@@ -10,7 +10,9 @@ from ledger.ids import robot_key
 from ledger.link import DISPATCHER, Report
 from ledger.scene import Scene
 from sim.faults import JUMP_M_MAX, MIXES, NONE, STANDARD, FaultMix
-from sim.people import BY_HAND
+from sim.people import BY_HAND, NEAR_M, Hand, too_near
+from sim.placement import Ground
+from sim.robot import SimRobot
 from sim.warehouses import generate
 from sim.world import World
 from tests.sim.fleets import SCENE, configs, drive_on, least_gap_m, leaving, scene_of
@@ -131,6 +133,24 @@ def test_a_restarted_simulator_lets_go_of_who_was_driven_by_hand() -> None:
     assert again.add(SMALL, configs(1)[0], at_ms=0)
     assert again.reports(3_000)[0].controller == DISPATCHER
     assert again.remembers(robot_key(SCENE, configs(1)[0].name)) is False
+
+
+def test_who_cannot_be_put_back_for_a_crowd_is_carried_to_where_there_is_room() -> None:
+    """Found by eight hours of faults: the crowd waited for the robot, and people for the crowd."""
+    (robot,) = world_of(1, NONE).robots()
+    crowd = [
+        SimRobot(robot.body, "s", (point.x_m, point.y_m, 0.0))
+        for point in AREA.points
+        if hypot(point.x_m - robot.x, point.y_m - robot.y) <= NEAR_M
+    ]
+    hand, chance, ground = Hand(robot, "s"), random.Random(1), Ground(AREA)
+    passed_s = 0.0
+    while not hand.step(0.2, chance, ground, crowd, home=True):
+        passed_s += 0.2
+        assert passed_s < 120.0
+    assert robot.controller == DISPATCHER
+    assert robot.point is not None
+    assert not too_near(robot, robot.x, robot.y, crowd)
 
 
 def test_the_same_seed_has_the_same_faults() -> None:
