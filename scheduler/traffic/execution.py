@@ -4,13 +4,14 @@ Planners only propose an order of moves. A move is committed when no other robot
 end where it needs room, and from then on its ground is granted cell by cell, in commit order.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 
 from ledger.ids import RobotName
 from scheduler.traffic.admission import Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Guard
+from scheduler.traffic.placing import Entry
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import Builder, Leg
 from scheduler.traffic.safe import Safe
@@ -35,6 +36,7 @@ class Execution:
         self.guard = Guard(roadmap, grants)
         self._last = 0
         self._entered = BEFORE_ALL
+        self._halted_for: dict[RobotName, RobotName] = {}  # until they are sent anew
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
         self.touched: set[RobotName] = set()  # there is something to tell them
         self.freed = False  # ground, since the last `acquire`
@@ -110,24 +112,55 @@ class Execution:
             track = self.tracks[RobotName(name)]
             if track.lost or name in fixed:
                 continue
-            self._halt_for(track)
-            taken = self.taken(track)
-            for entry in self._admission.entries[name]:
-                if not entry.need & taken and not self._reserved.bars_entry(track, entry):
-                    self._entered += 1
-                    self._admission.enter(track, entry, self._entered)
-                    self.touched.add(track.name)
-                    break
+            entry = self._way_in(track)
+            if entry is not None:
+                self._halted_for.pop(track.name, None)
+                self._entered += 1
+                self._admission.enter(track, entry, self._entered)
+                self.touched.add(track.name)
 
-    def _halt_for(self, track: Track) -> None:
-        """Halt those who are promised the ground that a robot rests on: they counted on its
-        leaving, but it never heard of that before the scheduler started anew, or people have
-        brought it there. Its next move would wait for their promises, and they for it, for ever.
+    def _way_in(self, track: Track) -> Entry | None:
+        """The nearest stop that is free, by a way that keeps clear of those who are promised the
+        ground that it rests on; if there is none, they are halted for it, but for whoever it was
+        halted for itself: each would be halted for the other for ever.
+        """
+        ways = self._admission.entries[track.name]
+        ways = [way for way in ways if not self._reserved.bars_entry(track, way)]
+        rivals, taken = self._counting_on(track), self.taken(track)
+        for way in ways:
+            if not way.need & taken and not (rivals and self._crosses(way, rivals)):
+                return way
+        if not rivals or self._halted_for.get(track.name) in rivals:
+            return None
+        for name in rivals:
+            place = self.tracks[name].place
+            taken &= -1 if place is None else ~(1 << place)
+        for way in ways:
+            if not way.need & taken:
+                self._halt_for(track)
+                return way
+        return None
+
+    def _counting_on(self, track: Track) -> set[RobotName]:
+        """Who is promised the ground that a robot rests on: they counted on its leaving, but it
+        never heard of that before the scheduler started anew, or people have brought it there.
+        Its next move would wait for their promises, and they for it, for ever.
         """
         promised, excluded = self._grants.promised, self._grants.excluded
         names = {n for slot in track.owned for cell in excluded(slot.cell) for n in promised(cell)}
-        for name in sorted((names - {track.name}) & self.tracks.keys()):
-            self._admission.halt(self.tracks[RobotName(name)])
+        return {RobotName(n) for n in names - {track.name}} & self.tracks.keys()
+
+    def _crosses(self, way: Entry, rivals: Set[RobotName]) -> bool:
+        """Is ground on this way owned by one of these, or promised to it."""
+        found = (other for cell in way.cells for other in self._grants.excluded(cell))
+        owners, promised = self._grants.owners, self._grants.promised
+        return any(n in rivals for cell in found for n in (*owners(cell), *promised(cell)))
+
+    def _halt_for(self, track: Track) -> None:
+        """Halt those who count on its leaving."""
+        for name in sorted(self._counting_on(track)):
+            self._admission.halt(self.tracks[name])
+            self._halted_for[name] = track.name
             self.freed = True
 
     def admit(

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ledger.link import Report
 from scheduler.traffic.geometry import Floats, turn_rad, wrap
 from scheduler.traffic.roadmap import Roadmap
-from scheduler.traffic.routes import Leg
+from scheduler.traffic.routes import Leg, left
 from scheduler.traffic.stops import met
 
 ON_PATH_RAD = 0.35  # a robot is on a path if its heading differs by no more than this
@@ -25,6 +25,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
     legs: tuple[Leg, ...]
     point: int | None  # where the robot stands; None = on the way along the first path
     need: int  # bits of the places that must be empty
+    cells: tuple[int, ...]  # on the way, without the place's own
 
 
 class Locator:
@@ -159,11 +160,9 @@ def _entry(
     for leg in legs:
         if heading is not None and turn_rad(heading, net.traces.heading_start[leg.path]):
             cells.append(roadmap.disc(footprint, net.start[leg.path]))
-        for cell, end in roadmap.path_cells(footprint, leg.path):
-            if end > leg.from_m:
-                cells.append(cell)
+        cells += [cell for cell, _ in left(roadmap, footprint, leg)]
         heading = net.traces.heading_end[leg.path]
     need = roadmap.places.conflict[place] | 1 << place
     for cell in cells:
         need |= met(roadmap.cells, roadmap.places.resting, cell)
-    return Entry(place=place, legs=legs, point=point, need=need)
+    return Entry(place=place, legs=legs, point=point, need=need, cells=tuple(cells))

@@ -7,7 +7,7 @@ import msgspec
 from ledger.link import Mark, Piece
 from scheduler.traffic.geometry import cut_front, turn_rad, wrap
 from scheduler.traffic.roadmap import Roadmap
-from scheduler.traffic.track import Slot
+from scheduler.traffic.track import ALONG_EPS, Slot
 
 ENTRY = -1  # `Piece.move` of pieces on the way from where a robot was found to its first stop
 
@@ -17,6 +17,14 @@ class Leg(msgspec.Struct, frozen=True, kw_only=True):
 
     path: int
     from_m: float = 0.0
+
+
+def left(roadmap: Roadmap, footprint: int, leg: Leg) -> list[tuple[int, float]]:
+    """Cells of what is left of a path, and where each ends. One that ends where the robot stands is
+    behind it: to ask for it would be to wait for whoever stands there.
+    """
+    cells, from_m = roadmap.path_cells(footprint, leg.path), leg.from_m
+    return [(cell, end - from_m) for cell, end in cells if end > from_m + ALONG_EPS]
 
 
 class Builder:
@@ -66,7 +74,6 @@ class Builder:
                 self.turn(net.traces.heading_start[leg.path], move, commit)
             curve = net.traces.curves[leg.path]
             heading = net.traces.heading_end[leg.path]
-            cells = self.roadmap.path_cells(self.footprint, leg.path)
             self._append(
                 Piece(
                     number=self.piece,
@@ -83,7 +90,7 @@ class Builder:
                     speed_mps_max=path.speed_mps_max,
                     acceleration_mps2_max=path.acceleration_mps2_max,
                 ),
-                [(cell, end - leg.from_m) for cell, end in cells if end > leg.from_m],
+                left(self.roadmap, self.footprint, leg),
             )
             self.point, self.heading_rad = net.end[leg.path], heading
 
