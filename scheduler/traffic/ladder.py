@@ -30,7 +30,9 @@ LOOKED_AT_MAX = 8  # of those that are stuck, the first in rank, at one time
 # Who is not the first in rank around it waits for those that are: on a busy floor that is common,
 # and a way out for everybody who has waited for 30 s cost a quarter of the throughput (measured).
 OTHERS_MS = 120_000
-RETRY_MS = 10_000  # and between two for the same robot
+# And between two for the same robot, twice as long after each in vain: 40 robots on a lattice with
+# faults spent half of all time on them.
+RETRY_MS, RETRY_MS_MAX = 10_000, 40_000
 WAY_MAX = 12  # moves of the stuck robot from which its region grows
 LONG_WAY = 300  # moves looked at for who stands in the way for good
 NEARER_S = 3.0  # of driving, that a way has to gain: a move or two
@@ -62,6 +64,7 @@ class _Vain(msgspec.Struct, kw_only=True):
     goal: int
     first_ms: int  # of the searches for this goal
     last_ms: int
+    retry_ms: int
     working: bool
     stuck: Stuck
 
@@ -167,7 +170,8 @@ class Ladder:
         for k in stalled[:LOOKED_AT_MAX]:
             agent = world.agents[k]
             vain = self._vain.get(agent.name)
-            if vain is not None and vain.goal == agent.goal and now_ms - vain.last_ms < RETRY_MS:
+            known = vain is not None and vain.goal == agent.goal
+            if vain is not None and known and now_ms - vain.last_ms < vain.retry_ms:
                 continue
             assert agent.goal is not None
             track = tracks[RobotName(agent.name)]
@@ -189,7 +193,8 @@ class Ladder:
                 way = _until_nearer(world, agent, found, self._stalls.least_s(agent.name))
                 return Rescue(robot=agent.name, goal=agent.goal, way=way, since_ms=now_ms)
             why = _why(world, tracks, k, around, proven=proven)
-            self._note_vain(agent.name, agent.goal, why, world, now_ms)
+            again_ms = 2 * vain.retry_ms if vain is not None and known else RETRY_MS
+            self._note_vain(agent.name, agent.goal, why, world, now_ms, again_ms)
             return None
         return None
 
@@ -242,7 +247,9 @@ class Ladder:
         text = f"{track.name} has leave to drive and does not"
         return _Why(text=text, robots=(track.name,), working=True)
 
-    def _note_vain(self, name: str, goal: int, why: "_Why", world: World, now_ms: int) -> None:
+    def _note_vain(
+        self, name: str, goal: int, why: "_Why", world: World, now_ms: int, retry_ms: int = RETRY_MS
+    ) -> None:
         before = self._vain.get(name)
         point = world.roadmap.net.points[world.roadmap.places.point[goal]].name
         known = before is not None and before.goal == goal
@@ -259,6 +266,7 @@ class Ladder:
             goal=goal,
             first_ms=first_ms,
             last_ms=now_ms,
+            retry_ms=min(retry_ms, RETRY_MS_MAX),
             working=why.working,
             stuck=stuck,
         )
@@ -364,7 +372,7 @@ def _why(
         return _Why(text="the map has no way there")
     fixed = [n for n, other in enumerate(world.agents) if other.fixed]
     lost = {track.name for track in tracks.values() if track.lost}
-    alone = Search(_without(world, {k, *fixed}), [_number(world, k, fixed)]).run(REGIONS[-1][1])
+    alone = Search(_without(world, {k, *fixed}), [sum(n < k for n in fixed)]).run(REGIONS[-1][1])
     if alone.way is None and alone.proven:
         way = _needs_of_way(world, agent, (agent.place, agent.heading_rad), LONG_WAY)
         standing = [world.agents[n] for n in fixed if way >> world.agents[n].place & 1]
@@ -390,7 +398,3 @@ def _why(
 def _without(world: World, kept: Set[int]) -> World:
     agents = [agent for n, agent in enumerate(world.agents) if n in kept]
     return msgspec.structs.replace(world, agents=agents)
-
-
-def _number(world: World, k: int, fixed: Iterable[int]) -> int:
-    return sum(1 for n in fixed if n < k)

@@ -1,5 +1,7 @@
 """Robots found one behind the other in mid-lane drive off one after the other."""
 
+from itertools import pairwise
+
 import pytest
 
 from ledger.ids import PointName, RobotName
@@ -16,8 +18,7 @@ GAP_M = 1.4
 def lane():
     names = [PointName(f"P{k}") for k in range(5)]
     points = [Point(name=name, x_m=3.0 * k, y_m=0.0) for k, name in enumerate(names)]
-    pairs = list(zip(names, names[1:], strict=False))
-    return area_of(points, [Path(start=a, end=b) for p in pairs for a, b in (p, p[::-1])])
+    return area_of(points, [Path(start=a, end=b) for p in pairwise(names) for a, b in (p, p[::-1])])
 
 
 @pytest.mark.parametrize("off_m", [-1e-9, 0.0, 1e-9, 0.0004])
