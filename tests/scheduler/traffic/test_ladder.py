@@ -208,6 +208,17 @@ def hangs_unsaid(made, seconds):
     return None
 
 
+def test_a_search_in_vain_is_repeated_ever_more_seldom():
+    stands = {"A": "a", "B": "b", "C": "c", "D": "d", "E": "e", "F": "f"}
+    made = floor(RING, stands, {"A": "b"})
+    for _ in range(STALL_MS // 100 + 2_000):
+        made.tick()
+    assert 3 <= made.traffic.ladder["searches"] <= 7  # every ten seconds it would be twenty
+    made.robots.pop(RobotName("F"))
+    made.traffic.remove(RobotName("F"))
+    until_done(made)
+
+
 def test_on_crowded_small_maps_nobody_hangs_without_a_word():
     for seed in (3, 11):  # a way out in one, an alarm in the other
         assert hangs_unsaid(crowd(seed), 400) is None
