@@ -18,6 +18,9 @@ from sim.robot import SimRobot, has_way, place
 
 BY_HAND = "person"  # holds control meanwhile
 SPEED_MPS = 0.3
+# Who backs off from one robot comes no nearer to others within so much more: one that stands may
+# just now be told to drive on towards it, on ground granted before (found: two touched).
+BACK_OFF_ROOM_M = 1.0
 ROOM_M = 0.15  # between the discs of two robots: the ground granted is wider than the bodies
 NEAR_M = 8.0  # so far ahead is driven at a time
 TRIES_MAX = 8
@@ -48,7 +51,7 @@ def can_be_moved(robot: SimRobot) -> bool:
 
 
 def too_near(
-    robot: SimRobot, x_m: float, y_m: float, others: Iterable[SimRobot]
+    robot: SimRobot, x_m: float, y_m: float, others: Iterable[SimRobot], room_m: float = ROOM_M
 ) -> list[tuple[float, float, float]]:
     """Where others are, or may still drive to, too near for a robot that stands or turns there;
     each behind its distance.
@@ -59,7 +62,7 @@ def too_near(
             continue
         if other.body.scene != robot.body.scene:
             continue
-        reach_m = robot.body.radius_m + other.body.radius_m + ROOM_M
+        reach_m = robot.body.radius_m + other.body.radius_m + room_m
         for x, y in taken(other, (x_m, y_m), reach_m):
             off_m = hypot(x - x_m, y - y_m)
             if off_m < reach_m:
@@ -162,7 +165,8 @@ class Hand:
         if off_m <= 0.0:
             return
         away = (robot.x - x) / off_m, (robot.y - y) / off_m
-        if all(away[0] * (robot.x - x) + away[1] * (robot.y - y) >= 0.0 for _, x, y in near):
+        wide = too_near(robot, robot.x, robot.y, others, BACK_OFF_ROOM_M)
+        if all(away[0] * (robot.x - x) + away[1] * (robot.y - y) >= 0.0 for _, x, y in wide):
             robot.x += away[0] * SPEED_MPS * dt_s
             robot.y += away[1] * SPEED_MPS * dt_s
             robot.hand_mps = SPEED_MPS

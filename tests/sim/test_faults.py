@@ -153,6 +153,19 @@ def test_who_cannot_be_put_back_for_a_crowd_is_carried_to_where_there_is_room() 
     assert not too_near(robot, robot.x, robot.y, crowd)
 
 
+def test_who_backs_off_from_one_robot_comes_no_nearer_to_another() -> None:
+    """Found by hours of faults: the other was just then told to drive on, over granted ground."""
+    (robot,) = world_of(1, NONE).robots()
+    x, y, reach_m = robot.x, robot.y, 2 * robot.body.radius_m
+    others = [SimRobot(robot.body, "s", (x + dx, y, 0.0)) for dx in (-reach_m, reach_m + 0.5)]
+    hand = Hand(robot, "s")
+    hand._back_off(0.2, others[:1])
+    assert robot.x > x
+    at_m = robot.x
+    hand._back_off(0.2, others)
+    assert robot.x == at_m
+
+
 def test_the_same_seed_has_the_same_faults() -> None:
     def story(seed: int) -> list[tuple[float, float, float]]:
         world = world_of(4, STANDARD.times(600), seed)
