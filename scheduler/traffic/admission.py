@@ -198,9 +198,12 @@ class Admission:
         if self._own(track, report):
             last = report.session.rsplit("/", 1)[1]
             number = max(number, int(last) if last.isdigit() else 0)
-        self._sessions[track.name] = number + 1
+        # Above all that a scheduler before this one has used: robots do not go back to a session
+        # that they have left, and we may not know of it.
+        number = max(number, report.at_ms) + 1
+        self._sessions[track.name] = number
         track.session_before, track.confirmed = report.session, False
-        track.session = f"{self.scene}/{track.name}/{number + 1}"
+        track.session = f"{self.scene}/{track.name}/{number}"
         track.piece_next, track.sent_piece = 1, 0
         track.progress = track.end = track.sent_authority = START
 

@@ -144,10 +144,12 @@ class Execution:
     def _counting_on(self, track: Track) -> set[RobotName]:
         """Who is promised the ground that a robot rests on: they counted on its leaving, but it
         never heard of that before the scheduler started anew, or people have brought it there.
-        Its next move would wait for their promises, and they for it, for ever.
+        Its next move would wait for their promises, and they for it, for ever. What it only has
+        not given up yet, for it is just arriving, is not meant.
         """
         promised, excluded = self._grants.promised, self._grants.excluded
-        names = {n for slot in track.owned for cell in excluded(slot.cell) for n in promised(cell)}
+        kept = [slot for slot in track.owned if slot.standing or slot is track.owned[-1]]
+        names = {n for slot in kept for cell in excluded(slot.cell) for n in promised(cell)}
         return {RobotName(n) for n in names - {track.name}} & self.tracks.keys()
 
     def _crosses(self, way: Entry, rivals: Set[RobotName]) -> bool:

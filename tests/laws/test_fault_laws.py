@@ -122,6 +122,7 @@ def test_delays_alone_keep_every_order_within_its_bound(seed):
 
 @FEW
 @given(SEEDS)
+@example(1174)  # a new scheduler named a session that the robot had left
 def test_once_nothing_goes_wrong_any_more_everybody_arrives(seed):
     made = busy_lattice(seed, HARD)
     made.run(60, grants_every=0)

@@ -150,7 +150,7 @@ def test_who_is_sent_on_by_an_operator_goes_on_until_it_is_in_no_breach():
     assert guard.held == {R0, R1}, "that was for once"
 
 
-def test_a_robot_driven_by_hand_into_the_way_of_another_stops_it_in_time():
+def test_a_robot_driven_by_hand_into_the_way_of_another_is_not_run_into():
     made = guarded(lattice(10, 2), {"R0": ("P0-0", 0.0), "R1": ("P6-1", -1.57)})
     made.tick()
     send(made, "R0", "P9-0")
@@ -163,8 +163,9 @@ def test_a_robot_driven_by_hand_into_the_way_of_another_stops_it_in_time():
         by_hand.number += 1
         made.tick()
         assert overlap_m2(made) == 0.0
-    assert made.robots[R0].x < 11.4
-    by_hand.y = 2.0
+    way = made.robots[R0]
+    assert way.x < 11.4 or way.y == 2.0, "it waits, or goes round"
+    by_hand.y = 3.5
     until(made, "R0", "P9-0")
     assert made.traffic.breaches_so_far <= 1
 
