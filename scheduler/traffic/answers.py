@@ -7,6 +7,7 @@ from scheduler.traffic.claims import Claims
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.execution import Execution
 from scheduler.traffic.ladder import Ladder, Stuck
+from scheduler.traffic.outside import Outside
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import Track
 from scheduler.traffic.waits import Waits
@@ -21,6 +22,7 @@ class Answers:
     _execution: Execution
     _reserved: Claims
     _ladder: Ladder
+    _outside: Outside
     _waits: Waits
 
     @property
@@ -78,7 +80,8 @@ class Answers:
 
     def stuck(self, now_ms: int) -> Mapping[RobotName, Stuck]:
         """Robots that a person has to help, and what is in their way."""
-        return self._ladder.stuck(self._tracks, now_ms)
+        tracks = self._tracks
+        return {**self._ladder.stuck(tracks, now_ms), **self._outside.stuck(tracks, now_ms)}
 
     @property
     def ladder(self) -> Mapping[str, int]:

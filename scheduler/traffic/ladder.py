@@ -48,8 +48,8 @@ class Stuck(Value, frozen=True, kw_only=True):
 
     robot: RobotName
     since_ms: int  # without progress
-    goal: PointName
     text: str
+    goal: PointName | None = None
     robots: tuple[RobotName, ...] = ()  # in its way, or with it in a jam
     claims: tuple[str, ...] = ()  # owners of reserved ground and doors, as `Track.barred` has them
 

@@ -25,6 +25,7 @@ from scheduler.traffic.guard import Breach
 from scheduler.traffic.guidance import SHARE, guided
 from scheduler.traffic.ladder import Ladder
 from scheduler.traffic.methods import planner_of
+from scheduler.traffic.outside import Outside
 from scheduler.traffic.planner import Distributed, Planner
 from scheduler.traffic.safe import Safe
 from scheduler.traffic.shown import Shown
@@ -68,6 +69,7 @@ class Traffic(Answers):
         self._planner: Planner = Distributed()
         self._think = think
         self._ladder = Ladder()
+        self._outside = Outside(self.grants, self._admission)
         self._prevents = SceneConfig().deadlock_prevention
         self._push_m = SceneConfig().push_distance_m_min, SceneConfig().push_distance_m_max
         self._goals: Mapping[RobotName, Goal] = {}
@@ -314,6 +316,7 @@ class Traffic(Answers):
     def _plan(self, now_ms: int) -> None:
         self._execution.enter(self._fixed)
         tracks = list(self._tracks.values())
+        self._outside.look(tracks, self._fixed, now_ms)
         if self._reserved or self._doors.closed_moves:
             self._reserved.direct(tracks)
             self._doors.bar(tracks)
