@@ -1,7 +1,7 @@
 """`make bench-traffic`: every instance that traffic is held against, in one table.
 
-Run as `python -m bench.traffic [--quick] [floors methods maps grids fleets]`. All is simulated: the same
-rows on every machine, but for processor times.
+Run as `python -m bench.traffic [--quick] [floors methods maps grids fleets]`. All is simulated: the
+same rows on every machine, but for processor times.
 """
 
 import argparse
