@@ -127,7 +127,8 @@ def _ends(area: Area) -> list[PointName]:
     return [point.name for point in area.points if point.kind is not PointKind.WAYPOINT]
 
 
-def _instances() -> list[Instance]:
+def instances() -> list[Instance]:
+    """Maps, robots, and the shares of free flow that they are held against."""
     found = [
         Instance(
             name="lattice 10 x 10",
@@ -242,7 +243,7 @@ def row(instance: Instance, quick: bool) -> Row:
 
 def rows(quick: bool = False, only: str = "") -> list[Row]:
     """Every instance, or those whose name has `only` in it."""
-    return [row(i, quick) for i in _instances() if only in f"{i.name} {i.robots}"]
+    return [row(i, quick) for i in instances() if only in f"{i.name} {i.robots}"]
 
 
 def report(title: str, rows: Callable[[bool, str], list[Row]], about: str | None) -> None:

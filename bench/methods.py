@@ -15,8 +15,8 @@ from bench.floors import (
     WARM_UP_S,
     Instance,
     Row,
-    _instances,
     floor,
+    instances,
     report,
 )
 from ledger.scene_config import SceneConfig, TrafficMethod
@@ -110,7 +110,7 @@ def rows(quick: bool = False, only: str = "") -> list[Row]:
     """Both planners on each instance."""
     found = []
     for part, robots in CHOSEN:
-        for instance in _instances():
+        for instance in instances():
             name = f"{instance.name} {instance.robots}"
             if part not in name or instance.robots not in robots or only not in name:
                 continue
