@@ -19,10 +19,6 @@ from scheduler.traffic.track import Shut, Track
 from scheduler.traffic.waits import Outcome
 from scheduler.traffic.world import World, room, turning_room
 
-# Ways to a first stop come before all that is committed; among each other in the order in which
-# they are, as everything: the later ones count on where the earlier ones end.
-BEFORE_ALL = -(10**9)
-
 
 class Execution:
     """Numbers commits and gives out ground; the robots it knows are those of `tracks`."""
@@ -35,7 +31,6 @@ class Execution:
         self._admission, self._reserved = admission, reserved
         self.guard = Guard(roadmap, grants)
         self._last = 0
-        self._entered = BEFORE_ALL
         self._halted_for: dict[RobotName, RobotName] = {}  # until they are sent anew
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
         self.touched: set[RobotName] = set()  # there is something to tell them
@@ -46,7 +41,6 @@ class Execution:
         """Go on behind the numbers that a robot has brought along from before our start."""
         numbers = [slot.commit for slot in (*track.owned, *track.promised)]
         self._last = max([self._last, *numbers])
-        self._entered = max([self._entered, *(number for number in numbers if number < 0)])
 
     def displace(self, track: Track) -> None:
         """Whoever was placed before this one was heard, where its old route ends or too near to
@@ -115,20 +109,21 @@ class Execution:
             entry = self._way_in(track)
             if entry is not None:
                 self._halted_for.pop(track.name, None)
-                self._entered += 1
-                self._admission.enter(track, entry, self._entered)
+                self._last += 1
+                self._admission.enter(track, entry, self._last)
                 self.touched.add(track.name)
 
     def _way_in(self, track: Track) -> Entry | None:
         """The nearest stop that is free, by a way that keeps clear of those who are promised the
-        ground that it rests on; if there is none, they are halted for it, but for whoever it was
-        halted for itself: each would be halted for the other for ever.
+        ground that it rests on, and of who waits for them; if there is none, they are halted for
+        it, but for whoever it was halted for itself: each would be halted for the other for ever.
         """
         ways = self._admission.entries[track.name]
         ways = [way for way in ways if not self._reserved.bars_entry(track, way)]
         rivals, taken = self._counting_on(track), self.taken(track)
+        behind = self._behind(rivals) - {track.name}
         for way in ways:
-            if not way.need & taken and not (rivals and self._crosses(way, rivals)):
+            if not way.need & taken and not (rivals and self._crosses(track, way, behind)):
                 return way
         if not rivals or self._halted_for.get(track.name) in rivals:
             return None
@@ -152,11 +147,27 @@ class Execution:
         names = {n for slot in kept for cell in excluded(slot.cell) for n in promised(cell)}
         return {RobotName(n) for n in names - {track.name}} & self.tracks.keys()
 
-    def _crosses(self, way: Entry, rivals: Set[RobotName]) -> bool:
+    def _behind(self, robots: Set[RobotName]) -> set[RobotName]:
+        """These, and all that wait, or will, for one of them."""
+        found = set[str](robots)
+        more = bool(found)
+        while more:
+            more = False
+            for track in self.tracks.values():
+                if track.name not in found and any(
+                    not found.isdisjoint(self._grants.blockers(s.cell, track.name, s.commit))
+                    for s in track.promised
+                ):
+                    found.add(track.name)
+                    more = True
+        return {RobotName(name) for name in found}
+
+    def _crosses(self, track: Track, way: Entry, others: Set[RobotName]) -> bool:
         """Is ground on this way owned by one of these, or promised to it."""
-        found = (other for cell in way.cells for other in self._grants.excluded(cell))
+        rest = self._roadmap.rest(track.footprint, self._roadmap.places.point[way.place])
+        found = (other for cell in (*way.cells, rest) for other in self._grants.excluded(cell))
         owners, promised = self._grants.owners, self._grants.promised
-        return any(n in rivals for cell in found for n in (*owners(cell), *promised(cell)))
+        return any(n in others for cell in found for n in (*owners(cell), *promised(cell)))
 
     def _halt_for(self, track: Track) -> None:
         """Halt those who count on its leaving."""

@@ -58,20 +58,26 @@ def connected(traffic: Traffic) -> None:
 
 
 def acyclic(traffic: Traffic) -> None:
-    """(5) Nobody waits in a ring: who waits for ground waits for lower commit numbers only, but for
-    ground that somebody was found on, and on the way to a first stop, which comes before all.
+    """(5) Nobody waits in a ring. Who waits for ground waits for lower commit numbers only, but for
+    ground that somebody was found on.
     """
-    tracks = traffic._tracks
+    tracks, grants = traffic._tracks, traffic.grants
     waits_for: dict[str, set[str]] = {}
     for name, track in tracks.items():
         if not track.promised:
             continue
-        wanted, waits_for[name] = track.promised[0], set()
-        excluded = set(traffic.grants.excluded(wanted.cell))
+        wanted = track.promised[0]
+        excluded = set(grants.excluded(wanted.cell))
+        waits_for[name] = {
+            other.name
+            for other in tracks.values()
+            for slot in (other.promised if other is not track else ())
+            if slot.cell in excluded and slot.commit < wanted.commit
+        }
         for other in tracks.values():
             for slot in other.owned if other is not track else ():
                 if slot.cell in excluded:
-                    lower = slot.commit < wanted.commit or slot.standing or wanted.commit < 0
+                    lower = slot.commit < wanted.commit or slot.standing
                     assert lower, (name, wanted, other.name, slot)
                     if slot.end is None or slot.end >= other.authority:  # it drives no further
                         waits_for[name].add(other.name)
