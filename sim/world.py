@@ -31,6 +31,7 @@ from sim.robot import Hears, SimRobot, drive, settle, stands_on, step
 from sim.saving import SAVED_VERSION, SavedRobot, SavedWorld, restored, saved
 from sim.troubles import Troubles
 
+STANDING_MPS = 0.01  # slower is no moving: the last of the way after a stop, a millimetre at most
 STEP_S_MAX = 0.2  # longer ones are cut: speed changes evenly within one
 BATTERY_RATIO_MIN = 0.6  # of a new robot; they differ, so that not all charge at once
 
@@ -323,7 +324,7 @@ def _begin(robot: SimRobot, act: Act) -> None:
 def _problem(robot: SimRobot, act: Act) -> str | None:
     if must_fail(act):
         return f"{act.name} always fails"
-    if robot.speed > 0.0:
+    if robot.speed >= STANDING_MPS:
         return "the robot is moving"
     if act.name == CHARGE and stands_on(robot) not in robot.body.chargers:
         return "there is no charger here"

@@ -45,7 +45,7 @@ class Answers:
         place = self.roadmap.place.get(point)
         if track is None or place is None or track.place != place or track.trouble is not None:
             return False
-        if not track.driven or not track.standing or track.report is None:
+        if not track.arrived or not track.standing or track.report is None:
             return False
         return abs(self.roadmap.final_turn_rad(place, track.report.heading_rad)) <= HEADING_OK_RAD
 

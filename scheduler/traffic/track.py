@@ -107,6 +107,14 @@ class Track(msgspec.Struct, kw_only=True):
             return last.number < progress.piece
         return progress.along_m >= last.length_m - ARRIVED_M
 
+    @property
+    def arrived(self) -> bool:
+        """Is it at the end itself. One that was stopped just before it is as good as driven for
+        those who plan, but drives on once it may, and would refuse to act.
+        """
+        end, here = self.end, self.progress
+        return self.driven and here >= Mark(piece=end.piece, along_m=end.along_m - ALONG_EPS)
+
     def way_to_m(self, mark: Mark) -> float:
         """Metres from the beginning of its route to a mark that is not behind it."""
         for piece, before in self.pieces:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from commands.instructions import (
@@ -114,6 +114,7 @@ def test_a_soft_stop_stands_within_its_braking_distance_until_it_is_lifted(resta
     stops=st.lists(st.tuples(st.integers(1, 40), st.booleans()), min_size=1, max_size=4),
     seed=st.integers(0, 99),
 )
+@example(stops=[(38, True), (7, False), (9, False)], seed=31)  # stopped 14 µm before its goal
 @settings(max_examples=12, deadline=None)
 def test_who_drives_stands_soon_after_a_stop_at_any_moment(
     stops: list[tuple[int, bool]], seed: int

@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 
 from ledger.ids import PointName, RobotName
+from ledger.link import Mark
 from ledger.scene import Group, Path, Point
 from scheduler.goal import Goal
 from tests.scheduler.traffic.floor import Floor
@@ -37,3 +38,15 @@ def test_who_stands_at_the_end_of_a_cell_does_not_wait_for_who_is_behind(off_m):
         floor.goals[name] = Goal(point=PointName(goal), rank=(0, 0, name))
     floor.run(40.0)
     assert floor.done == {FRONT: 1, REAR: 1}
+
+
+def test_who_was_stopped_just_before_the_end_has_driven_and_not_arrived():
+    floor = Floor(lane(), (GROUP,), {"A": ("P1", 0.0)}, [])
+    floor.goals[FRONT], floor.idle = Goal(point=PointName("P2"), rank=(0, 0, FRONT)), {FRONT}
+    floor.run(20.0)
+    track = floor.traffic._tracks[FRONT]
+    assert track.arrived
+    track.progress = Mark(piece=track.end.piece, along_m=track.end.along_m - 0.015)
+    assert track.driven
+    assert not track.arrived
+    assert not floor.traffic.stands_at(FRONT, PointName("P2"))
