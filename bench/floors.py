@@ -189,24 +189,38 @@ def floor(instance: Instance, seed: int, free_flow: bool = False) -> Floor:
     )
 
 
-def measure(instance: Instance, seed: int, seconds: float) -> Row:
-    """One run under the judge and its control."""
-    control = floor(instance, seed, free_flow=True)
-    ours = floor(instance, seed)
-    for made in (control, ours):
-        for _ in range(round(WARM_UP_S / DT_S)):
-            made.tick()
-        made.begin()
-    start = time.process_time()
+def begun(made: Floor) -> Floor:
+    """Let robots spread as they will stay, and measure from then on."""
+    for _ in range(round(WARM_UP_S / DT_S)):
+        made.tick()
+    made.begin()
+    return made
+
+
+def judged(made: Floor, seconds: float) -> None:
+    """Run under the judge."""
+    for k in range(round(seconds / DT_S)):
+        made.tick()
+        if k % round(JUDGE_S / DT_S) == 0:
+            made.judge_bodies()
+        if k % round(GRANTS_S / DT_S) == 0:
+            made.judge()
+
+
+def free_orders_per_h(instance: Instance, seed: int, seconds: float) -> float:
+    """Of the control: robots that pass through each other."""
+    control = begun(floor(instance, seed, free_flow=True))
     for _ in range(round(seconds / DT_S)):
         control.tick()
-    for k in range(round(seconds / DT_S)):
-        ours.tick()
-        if k % round(JUDGE_S / DT_S) == 0:
-            ours.judge_bodies()
-        if k % round(GRANTS_S / DT_S) == 0:
-            ours.judge()
-    free = control.orders_per_h()
+    return control.orders_per_h()
+
+
+def measure(instance: Instance, seed: int, seconds: float) -> Row:
+    """One run under the judge and its control."""
+    start = time.process_time()
+    free = free_orders_per_h(instance, seed, seconds)
+    ours = begun(floor(instance, seed))
+    judged(ours, seconds)
     return {
         "orders_per_h": ours.orders_per_h(),
         "free_flow_per_h": free,

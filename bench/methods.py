@@ -9,19 +9,9 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from bench.floors import (
-    GRANTS_S,
-    JUDGE_S,
-    WARM_UP_S,
-    Instance,
-    Row,
-    floor,
-    instances,
-    report,
-)
+from bench.floors import Instance, Row, begun, floor, free_orders_per_h, instances, judged, report
 from ledger.scene_config import SceneConfig, TrafficMethod
 from scheduler.traffic.venus import Answer, Venus, at_once
-from tests.scheduler.traffic.floor import DT_S
 
 CHOSEN = (("fine lattice", (30, 60)), ("paired", (20, 30)))  # part of the name, robots
 SECONDS, QUICK_S = 900, 240
@@ -51,16 +41,9 @@ def measure(instance: Instance, method: TrafficMethod, seed: int, seconds: float
     made, timed = floor(instance, seed), Timed()
     made.traffic._think = timed.think
     made.traffic.tune(SceneConfig(traffic_method=method))
-    for _ in range(round(WARM_UP_S / DT_S)):
-        made.tick()
-    made.begin()
+    begun(made)
     began_s = time.process_time()
-    for k in range(round(seconds / DT_S)):
-        made.tick()
-        if k % round(JUDGE_S / DT_S) == 0:
-            made.judge_bodies()
-        if k % round(GRANTS_S / DT_S) == 0:
-            made.judge()
+    judged(made, seconds)
     spent_s = sorted(timed.spent_s) or [0.0]
     planner = made.traffic._planner
     counted = planner.counted if isinstance(planner, Venus) else None
@@ -72,17 +55,6 @@ def measure(instance: Instance, method: TrafficMethod, seed: int, seconds: float
         "search_ms_max": 1000 * spent_s[-1],
         "by_pibt": counted.by_pibt / max(counted.proposals, 1) if counted else 1.0,
     }
-
-
-def free_flow(instance: Instance, seed: int, seconds: float) -> float:
-    """Orders an hour of robots that pass through each other."""
-    control = floor(instance, seed, free_flow=True)
-    for _ in range(round(WARM_UP_S / DT_S)):
-        control.tick()
-    control.begin()
-    for _ in range(round(seconds / DT_S)):
-        control.tick()
-    return control.orders_per_h()
 
 
 def row(instance: Instance, method: TrafficMethod, free: float, quick: bool) -> Row:
@@ -116,7 +88,8 @@ def rows(quick: bool = False, only: str = "") -> list[Row]:
                 continue
             seeds = QUICK_SEEDS if quick else SEEDS
             seconds = QUICK_S if quick else SECONDS
-            free = sum(free_flow(instance, seed, seconds) for seed in seeds) / len(seeds)
+            controls = [free_orders_per_h(instance, seed, seconds) for seed in seeds]
+            free = sum(controls) / len(controls)
             found += [row(instance, method, free, quick) for method in TrafficMethod]
     return found
 
