@@ -119,7 +119,10 @@ class Piece:
         return trouble is not None and trouble in kinds
 
     def _nobody_stalls(self, robots: dict[RobotName, SimRobot]) -> None:
-        plans: dict[RobotName, Plan] = self.shift.role.scheduler._sites[self.shift.scene].plans
+        site = self.shift.role.scheduler._sites.get(self.shift.scene)
+        if site is None:  # the scheduler has just been started anew
+            return
+        plans: dict[RobotName, Plan] = site.plans
         now_ms = self.shift.now_ms
         troubles = self.shift.world.troubles
         gone = {r.name for r in self.shift.fleet.robots.values() if not r.online}

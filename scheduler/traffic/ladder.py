@@ -15,16 +15,15 @@ from ledger.ids import PointName, RobotName
 from ledger.link import Mark
 from ledger.scene import Value
 from scheduler.traffic.costs import INFINITE
-from scheduler.traffic.lacam import Search, Stand, Way
+from scheduler.traffic.halts import Halts, around_halted
+from scheduler.traffic.lacam import Search
 from scheduler.traffic.planner import Planner, Proposal
+from scheduler.traffic.region import REGIONS, needs_of_way, region, search, until_nearer
 from scheduler.traffic.rescue import Rescue
 from scheduler.traffic.stalls import STALL_MS, Stalls
 from scheduler.traffic.track import Track
-from scheduler.traffic.world import Agent, World
+from scheduler.traffic.world import World
 
-# Robots that may be moved for one, and successors looked at with so many: 13 µs each in plain
-# Python (measured), so all three together take no longer than a quarter of a second.
-REGIONS = ((6, 1_000), (14, 3_000), (30, 12_000))
 LOOK_MS = 1_000  # between two looks at all robots, and so between two searches
 LOOKED_AT_MAX = 8  # of those that are stuck, the first in rank, at one time
 # Who is not the first in rank around it waits for those that are. 40 robots with faults on lattices
@@ -33,9 +32,7 @@ OTHERS_MS = 60_000
 # And between two for the same robot, twice as long after each in vain: 40 robots on a lattice with
 # faults spent half of all time on them.
 RETRY_MS, RETRY_MS_MAX = 10_000, 40_000
-WAY_MAX = 12  # moves of the stuck robot from which its region grows
 LONG_WAY = 300  # moves looked at for who stands in the way for good
-NEARER_S = 3.0  # of driving, that a way has to gain: a move or two
 NAMED_MAX = 8  # robots named in one alarm
 # So long after a way was first looked for in vain a person is told; what stands in the way may
 # have moved by then. Who only works there is given the time for that.
@@ -86,7 +83,7 @@ class Ladder:
 
     def __init__(self) -> None:
         self.counted = Counted()
-        self._stalls = Stalls()
+        self._stalls, self._halts = Stalls(), Halts()
         self._rescue: Rescue | None = None
         self._vain: dict[str, _Vain] = {}
         self._told: frozenset[RobotName] = frozenset()
@@ -130,13 +127,14 @@ class Ladder:
     ) -> None:
         left = {t.name: t.way_m - t.way_to_m(t.progress) for t in tracks.values() if not t.driven}
         stalled = self._stalls.look(world, lost, left, now_ms)
+        halted = self._halts.look(tracks.values(), now_ms)
         names = {world.agents[k].name for k in stalled}
         names |= self._note_barred(world, tracks, now_ms)
         self._vain = {name: vain for name, vain in self._vain.items() if name in names}
         if not stalled:
             self._roots.clear()
         elif self._rescue is None:
-            self._rescue = self._look(world, tracks, blockers, stalled, now_ms)
+            self._rescue = self._look(world, tracks, blockers, stalled, halted, now_ms)
 
     def note(self, committed: Iterable[str], now_ms: int) -> None:
         """Learn which of the proposed moves have been committed."""
@@ -164,6 +162,7 @@ class Ladder:
         tracks: Mapping[RobotName, Track],
         blockers: Blockers,
         stalled: Sequence[int],
+        halted: Set[RobotName],
         now_ms: int,
     ) -> Rescue | None:
         """Search for the first of them that has not been searched for in vain just now."""
@@ -179,20 +178,21 @@ class Ladder:
                 why = self._held_up(tracks, track, blockers, now_ms)
                 if why is not None:
                     self._note_vain(agent.name, agent.goal, why, world, now_ms)
-                if why is not None or agent.place == agent.goal:
+                if why is not None or agent.place == agent.goal or track.name in halted:
                     continue  # else it drives, if only to and fro
-            nearest = _region(world, k)
+            around_them = around_halted(world, halted - {agent.name})
+            nearest = region(around_them, k)
             since_ms = self._stalls.since_ms(agent.name) or now_ms
             if now_ms - since_ms < OTHERS_MS and _gives_way(world, k, nearest, stalled):
                 continue
             self.counted.searches += 1
-            found, proven, around = _search(world, nearest)
+            found, proven, around = search(around_them, nearest)
             if found is not None:
                 self.counted.rescues += 1
                 self._vain.pop(agent.name, None)
-                way = _until_nearer(world, agent, found, self._stalls.least_s(agent.name))
+                way = until_nearer(world, agent, found, self._stalls.least_s(agent.name))
                 return Rescue(robot=agent.name, goal=agent.goal, way=way, since_ms=now_ms)
-            why = _why(world, tracks, k, around, proven=proven)
+            why = _why(around_them, tracks, k, around, proven=proven)
             again_ms = 2 * vain.retry_ms if vain is not None and known else RETRY_MS
             self._note_vain(agent.name, agent.goal, why, world, now_ms, again_ms)
             return None
@@ -278,83 +278,6 @@ def _gives_way(world: World, k: int, nearest: list[int], stalled: Sequence[int])
     return any(n < k and n not in stalled and agents[n].goal is not None for n in nearest)
 
 
-def _search(world: World, nearest: list[int]) -> tuple[Proposal | None, bool, list[int]]:
-    """A way for the first of them; else whether there can be none, and who was looked at."""
-    around = nearest[:1]
-    for robots, expansions in REGIONS:
-        around = nearest[:robots]
-        found = Search(world, around).run(expansions)
-        if found.way is not None:
-            return found.way, True, around
-        if len(nearest) <= robots:
-            return None, found.proven, around
-    return None, False, around
-
-
-def _until_nearer(world: World, agent: Agent, way: Way, least_s: float) -> Way:
-    """The way up to where the robot is nearer to its goal than it ever was, with nobody on the next
-    moves from there. From then on it is again one of many: followed to the goal, ways closed so
-    much ground to all others that a busy floor did a third less (measured).
-    """
-    assert agent.goal is not None
-    roadmap, at = world.roadmap, {other.name: other.place for other in world.agents}
-    for k, (name, moves) in enumerate(way):
-        if not moves:
-            continue
-        at[name], heading = roadmap.moves.end[moves[-1]], roadmap.heading_end[moves[-1]]
-        if name != agent.name:
-            continue
-        left_s = agent.costs.cost_s(at[name], heading, agent.goal)
-        onward = _needs_of_way(world, agent, (at[name], heading), WAY_MAX)
-        others = (place for other, place in at.items() if other != name)
-        if left_s <= least_s - NEARER_S and not any(onward >> place & 1 for place in others):
-            return way[: k + 1]
-    return way
-
-
-def _region(world: World, k: int) -> list[int]:
-    """All robots that may be moved, by their distance in moves from the way of robot k; itself
-    first, then who stands right on it.
-    """
-    roadmap, agent = world.roadmap, world.agents[k]
-    near: list[int] = [agent.place]
-    seen = {agent.place}
-    bits = _needs_of_way(world, agent, (agent.place, agent.heading_rad), WAY_MAX)
-    for place in range(len(roadmap.places.point)):
-        if bits >> place & 1 and place not in seen:
-            seen.add(place)
-            near.append(place)
-    at = {other.place: n for n, other in enumerate(world.agents) if not other.fixed}
-    found = [k]
-    for place in near:
-        other = at.get(place)
-        if other is not None and other != k:
-            found.append(other)
-        if len(found) > REGIONS[-1][0]:
-            break
-        for move in (*roadmap.leaving[place], *roadmap.arriving[place]):
-            for end in (roadmap.moves.end[move], roadmap.moves.start[move]):
-                if end not in seen:
-                    seen.add(end)
-                    near.append(end)
-    return found
-
-
-def _needs_of_way(world: World, agent: Agent, stand: Stand, moves_max: int) -> int:
-    """Bits of the places that its best way from there needs on the map, whoever is there."""
-    assert agent.goal is not None
-    (place, heading), bits = stand, 0
-    roadmap = world.roadmap
-    for _ in range(moves_max):
-        ways = [] if place == agent.goal else agent.costs.ways(place, heading, agent.goal)
-        if not ways:
-            break
-        move = min(ways)[1]
-        bits |= roadmap.moves.need[move] | world.more_need.get(move, 0)
-        place, heading = roadmap.moves.end[move], roadmap.heading_end[move]
-    return bits
-
-
 class _Why(msgspec.Struct, frozen=True, kw_only=True):
     text: str
     robots: tuple[RobotName, ...] = ()
@@ -374,7 +297,7 @@ def _why(
     lost = {track.name for track in tracks.values() if track.lost}
     alone = Search(_without(world, {k, *fixed}), [sum(n < k for n in fixed)]).run(REGIONS[-1][1])
     if alone.way is None and alone.proven:
-        way = _needs_of_way(world, agent, (agent.place, agent.heading_rad), LONG_WAY)
+        way = needs_of_way(world, agent, (agent.place, agent.heading_rad), LONG_WAY)
         standing = [world.agents[n] for n in fixed if way >> world.agents[n].place & 1]
         silent = tuple(RobotName(o.name) for o in standing if o.name in lost)
         silent = silent or tuple(sorted(n for n in lost if tracks[n].place is None))

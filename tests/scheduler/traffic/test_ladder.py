@@ -8,12 +8,13 @@ import pytest
 from ledger.ids import PointName, RobotName
 from ledger.scene import Group
 from scheduler.goal import Goal
+from scheduler.traffic.halts import HALTED_MS
 from scheduler.traffic.ladder import ALARM_MS, RETRY_MS, WORKING_MS
 from scheduler.traffic.planner import Distributed
 from scheduler.traffic.stalls import STALL_MS
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import lattice, warehouse
-from tests.scheduler.traffic.stuck import CROSS, LOOP, PASSING_PLACE, RING
+from tests.scheduler.traffic.stuck import CROSS, LOOP, PASSING_PLACE, RING, drawn
 
 GROUPS = (Group(id=0, name="g"),)
 BOUND_S = (STALL_MS + RETRY_MS + ALARM_MS) / 1000 + 5
@@ -155,6 +156,45 @@ def test_a_robot_that_has_leave_to_drive_and_does_not_is_named():
     made.robots[RobotName("B")].frozen_s = 0.0
     until_done(made)
     assert not stuck(made)
+
+
+class Sends(Distributed):
+    """A planner that is wrong: it has one robot drive one move, and nobody else."""
+
+    def __init__(self, robot, start, end):
+        self.robot, self.start, self.end = robot, start, end
+
+    def propose(self, world):
+        roadmap, place = world.roadmap, world.roadmap.place
+        here = [a for a in world.agents if (a.name, a.place) == (self.robot, place[self.start])]
+        return [
+            (agent.name, (move,))
+            for agent in here
+            for move in roadmap.leaving[agent.place]
+            if roadmap.moves.end[move] == place[self.end]
+        ]
+
+
+def test_a_way_that_would_need_a_frozen_robot_to_move_keeps_nobody_else_from_theirs():
+    """It was found, followed in vain and found again, for minutes, and nobody was after it."""
+    two_lanes = drawn(
+        {"a": (0, 0), "b": (2, 0), "c": (4, 0), "s": (2, 2), "x": (0, 9), "y": (2, 9)},
+        "ab bc bs xy",
+    )
+    made = floor(two_lanes, {"A": "a", "B": "b", "C": "x"}, {"A": "c"}, service_s=1.0)
+    made.traffic._planner = Sends("B", "b", "c")
+    while made.robots[RobotName("B")].speed == 0.0:
+        made.tick()
+    made.robots[RobotName("B")].frozen_s = math.inf
+    for _ in range(50):
+        made.tick()
+    made.goals[RobotName("C")] = Goal(point=PointName("y"), rank=(0, 1, "C"))
+    for _ in range((STALL_MS + 2 * HALTED_MS) // 100):
+        made.tick()
+    assert RobotName("C") not in made.goals
+    assert RobotName("A") in made.goals
+    made.robots[RobotName("B")].frozen_s = 0.0
+    until_done(made)
 
 
 class Astray(Distributed):
