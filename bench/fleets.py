@@ -15,10 +15,11 @@ from bench.features import BASE, VARIANTS, switched
 from bench.tables import show
 from sim.faults import LATE, STANDARD, FaultMix
 from sim.warehouses import for_robots
-from tests.laws.yard import STALL_MS, STEP_MS, Yard
+from tests.laws.yard import STEP_MS, Yard
 from tests.scheduler.traffic.maps import lattice
 from tests.soak_traffic import STEP_MS as PASS_MS
 from tests.soak_traffic import Piece
+from tests.stands import STALL_MS
 
 LATTICE = (4, 10, 20, 40)
 LATTICE_H = 8.0
@@ -74,7 +75,7 @@ def measured(yard: Yard, hours: float, warm_up_s: float = 0.0) -> Row:
         "tasks_per_h": (sum(yard.done.values()) - before) / passed_s * 3600,
         "longest_order_s": yard.longest_ms / 1000,
         "longest_stand_s": yard.still_ms / 1000,
-        "longest_without_cause_s": yard.unnamed_ms / 1000,
+        "longest_without_cause_s": yard.stands.unnamed_ms / 1000,
         "traffic_core_share": (yard.planning_s - begun_s) / passed_s,
         "ended": ended,
     }
@@ -157,7 +158,7 @@ def site(robots: int, minutes: float) -> Row:
         "simulated_h": minutes / 60,
         "overlaps": 0.0,
         "tasks_per_h": made.done / minutes * 60,
-        "longest_without_cause_s": made.stalled_ms / 1000,
+        "longest_without_cause_s": made.stands.unnamed_ms / 1000,
     }
 
 

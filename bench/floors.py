@@ -21,13 +21,14 @@ from ledger.scene import XY, Area, Bin, Group, Kinematics, Path, Point, PointKin
 from scheduler.corridors import corridors_of
 from tests.scheduler.traffic.floor import DT_S, Floor
 from tests.scheduler.traffic.maps import area_of
+from tests.stands import STALL_MS, Stands
 
 GROUPS = (Group(id=0, name="g", kinematics=Kinematics(turn_radps2_max=1e6)),)
 LATE = 0.1
 WARM_UP_S = 120
 JUDGE_S = 0.5  # bodies
 GRANTS_S = 30.0  # and that each is on ground of its own
-UNSERVED_S_MAX = 120
+LOOK_S = 1.0  # for who stands
 AISLES, AISLE_M, PITCH_M, BLIND = 12, 20, 2.5, (2, 6, 10)
 STUBS, STUB_M = 11, 2.5
 LANE_GAP_M = 2.0
@@ -197,14 +198,26 @@ def begun(made: Floor) -> Floor:
     return made
 
 
-def judged(made: Floor, seconds: float) -> None:
-    """Run under the judge."""
+def judged(made: Floor, seconds: float) -> Stands:
+    """Run under the judge; who stood without a named cause."""
+    stands = Stands()
     for k in range(round(seconds / DT_S)):
         made.tick()
+        if k % round(LOOK_S / DT_S) == 0:
+            _look(made, stands)
         if k % round(JUDGE_S / DT_S) == 0:
             made.judge_bodies()
         if k % round(GRANTS_S / DT_S) == 0:
             made.judge()
+    return stands
+
+
+def _look(made: Floor, stands: Stands) -> None:
+    bound = made.goals.keys() - made.busy.keys()
+    stood = [name for name in Stands.long(made.moved_ms, made.now_ms) if name in bound]
+    if stood:
+        plans = {plan.robot: plan for plan in made.traffic.plans(made.now_ms)}
+        stands.look(stood, made.moved_ms, plans, (), made.now_ms)
 
 
 def free_orders_per_h(instance: Instance, seed: int, seconds: float) -> float:
@@ -220,12 +233,13 @@ def measure(instance: Instance, seed: int, seconds: float) -> Row:
     start = time.process_time()
     free = free_orders_per_h(instance, seed, seconds)
     ours = begun(floor(instance, seed))
-    judged(ours, seconds)
+    stands = judged(ours, seconds)
     return {
         "orders_per_h": ours.orders_per_h(),
         "free_flow_per_h": free,
         "share": ours.orders_per_h() / free,
         "unserved_s": ours.unserved_ms / 1000,
+        "unnamed_s": stands.unnamed_ms / 1000,
         "still_s": ours.still_ms / 1000,
         "cpu_s": time.process_time() - start,
     }
@@ -249,7 +263,8 @@ def row(instance: Instance, quick: bool) -> Row:
         "orders_per_h": mean("orders_per_h"),
         "free_flow_per_h": mean("free_flow_per_h"),
         "unserved_s": max(float(run["unserved_s"]) for run in runs),
-        "unserved_s_max": UNSERVED_S_MAX,
+        "unnamed_s": max(float(run["unnamed_s"]) for run in runs),
+        "unnamed_s_max": STALL_MS / 1000,
         "simulated_s": seconds * len(runs),
         "cpu_s": mean("cpu_s") * len(runs),
     }

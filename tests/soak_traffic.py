@@ -27,7 +27,8 @@ from scheduler.traffic.judge import body, collisions
 from sim.faults import MIXES, FaultMix
 from sim.robot import SimRobot, place
 from sim.warehouses import for_robots
-from tests.laws.yard import MOVING_MS, STALL_MS, explained, near_others
+from tests.laws.yard import near_others
+from tests.stands import STALL_MS, Stands
 from tests.surroundings import Surroundings
 
 Pose: TypeAlias = tuple[float, float, float]
@@ -52,13 +53,11 @@ class Piece:
         self._bins = [str(b.name) for area in file.areas for b in area.bins]
         self._footprint = file.groups[0].footprint
         self._moved_ms: dict[RobotName, int] = {}
-        self._caused_ms: dict[RobotName, int] = {}  # when there was last a cause not to move
         self._poses: dict[RobotName, Pose] = {}
         self._by_people: set[RobotName] = set()  # they may leave it on ground of others
         self._look_ms = 0
-        self.stalled_ms = 0  # longest that somebody stood without a named cause
-        self.stalled: object = None
-        self.still_ms = 0  # and for whatever cause
+        self.stands = Stands()
+        self.still_ms = 0  # longest that somebody stood for whatever cause
 
     def run(self, seconds: float) -> None:
         """Fails at the first overlap or stall."""
@@ -125,28 +124,17 @@ class Piece:
         plans: dict[RobotName, Plan] = site.plans
         now_ms = self.shift.now_ms
         troubles = self.shift.world.troubles
-        gone = {r.name for r in self.shift.fleet.robots.values() if not r.online}
         causes = {
             name
             for name, robot in robots.items()
-            if robot_key(self.shift.scene, name) in troubles
-            or robot.held_s > 0.0
-            or now_ms - self._moved_ms.get(name, now_ms) < MOVING_MS
+            if robot_key(self.shift.scene, name) in troubles or robot.held_s > 0.0
         }
-        named = explained(plans, causes | gone)
-        for name in robots:
-            plan = plans.get(name)
-            if plan is None or not (plan.target is not None or plan.moving):
-                continue
-            moved_ms = self._moved_ms.get(name, now_ms)
-            self.still_ms = max(self.still_ms, now_ms - moved_ms)
-            if name in named:
-                self._caused_ms[name] = now_ms
-            since_ms = max(moved_ms, self._caused_ms.get(name, 0))
-            still_ms = now_ms - since_ms
-            if still_ms > self.stalled_ms:
-                self.stalled_ms, self.stalled = still_ms, (name, plan)
-        assert self.stalled_ms < STALL_MS, self.stalled
+        causes |= {r.name for r in self.shift.fleet.robots.values() if not r.online}
+        moved_ms = {name: self._moved_ms.get(name, now_ms) for name in robots}
+        standing = [n for n, p in plans.items() if n in robots and (p.target or p.moving)]
+        self.still_ms = max([self.still_ms, *(now_ms - moved_ms[name] for name in standing)])
+        self.stands.look(standing, moved_ms, plans, causes, now_ms)
+        assert self.stands.unnamed_ms < STALL_MS, self.stands.unnamed
 
 
 def piece(robots: int, minutes: float, seed: int, mix: str) -> dict[str, float]:
@@ -162,7 +150,7 @@ def piece(robots: int, minutes: float, seed: int, mix: str) -> dict[str, float]:
         "robots": robots,
         "minutes": minutes,
         "orders_done": made.done,
-        "stall_s": made.stalled_ms / 1000,
+        "stall_s": made.stands.unnamed_ms / 1000,
         "still_s": made.still_ms / 1000,
         "cpu_s": round(time.process_time() - began_s, 1),
         **{f"faults_{kind}": count for kind, count in (struck | made.around.happened).items()},

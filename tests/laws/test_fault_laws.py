@@ -21,8 +21,9 @@ from sim.people import push
 from sim.warehouses import generate
 from tests.laws.onlooker import Onlooker, bins_of, load, unload
 from tests.laws.test_traffic_laws import roads
-from tests.laws.yard import STALL_MS, Yard
+from tests.laws.yard import Yard
 from tests.scheduler.traffic.maps import lattice
+from tests.stands import STALL_MS
 
 HARD: FaultMix = STANDARD.times(20)
 FEW = settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -122,7 +123,7 @@ def test_delays_alone_keep_every_order_within_its_bound(seed):
     made = busy_lattice(seed, LATE)
     made.run(150, grants_every=0)
     assert made.longest_ms < ORDER_S_MAX * 1000
-    assert made.unnamed_ms < STALL_MS, made.stall
+    assert made.stands.unnamed_ms < STALL_MS, made.stands.unnamed
     assert sum(made.done.values()) >= 4
 
 
@@ -200,6 +201,6 @@ def stage(seed: int) -> None:
         made = busy_lattice(seed, STANDARD.times(6), 8, 8)
         made.run(600, grants_every=15)
         connected(made.traffic)
-        assert made.unnamed_ms < STALL_MS, made.stall
+        assert made.stands.unnamed_ms < STALL_MS, made.stands.unnamed
         return
     conserved(seed, robots=6, rounds=8, mix=STANDARD.times(6))

@@ -15,16 +15,16 @@ import shapely
 from scipy.spatial import cKDTree
 
 from ledger.ids import PointName, RobotName, SceneId
-from ledger.link import DISPATCHER, Plan, Report
+from ledger.link import DISPATCHER, Report
 from ledger.scene import XY, Area, Group, RobotConfig, Scene
 from ledger.scene_config import SceneConfig
-from ledger.waits import WaitReason
 from scheduler.goal import Goal
 from scheduler.traffic.judge import bodies_at, collisions, double_grants, outside
 from scheduler.traffic.traffic import Traffic
 from sim.faults import NONE, FaultMix
 from sim.robot import SimRobot, place
 from sim.world import World
+from tests.stands import STALL_MS, Stands
 from tests.surroundings import Stranger
 
 SCENE = SceneId("0123456789abcdef01234567")
@@ -32,12 +32,9 @@ GROUP = Group(id=0, name="g")
 STEP_MS = 200
 REPORT_MS = 1_000  # everybody, news or not
 SILENT_MS = 10_000  # then a robot counts as lost
-STALL_MS = 120_000
 LOOK_MS = 1_000  # between two looks for who stands without a cause
 LANE_MAX = 2  # orders at a time into one aisle (design notes, traffic §11 rule 10)
-MOVING_MS = 10_000  # who has moved since is under way
 SETTLED_MS = 2_000  # after people have moved a robot, until it is where it says
-EVER = (WaitReason.BEHIND_ROBOT, WaitReason.YIELDING, WaitReason.PUSHED)  # no cause by themselves
 
 
 class Yard:
@@ -74,7 +71,6 @@ class Yard:
         self.heard: dict[RobotName, Report] = {}
         self.heard_ms = dict.fromkeys(self.robots, self.now_ms)
         self.moved_ms = dict.fromkeys(self.robots, self.now_ms)
-        self.caused_ms = dict.fromkeys(self.robots, self.now_ms)  # or there was a cause not to
         self.people_ms: dict[RobotName, int] = {}  # when they last had a robot in hand
         self.strays: set[RobotName] = set()  # people left them on ground of others
         self.poses: dict[RobotName, tuple[float, float, float]] = {}
@@ -86,8 +82,7 @@ class Yard:
         self.happened: Counter[str] = Counter()
         self.longest_ms = 0  # that an order has taken
         self.still_ms = 0  # that a robot with an order stood, whatever the reason
-        self.unnamed_ms = 0  # that it stood without any cause named for it
-        self.stall: list[object] = []
+        self.stands = Stands()
         self.planning_s = 0.0  # of processor time
         self._claims = 0
         self.config = SceneConfig()
@@ -270,23 +265,12 @@ class Yard:
                 name = RobotName(key.split("/")[1])
                 self.people_ms[name] = self.now_ms
                 self.strays.add(name)
-        stood = [n for n, at_ms in self.moved_ms.items() if self.now_ms - at_ms > STALL_MS / 8]
-        self.caused_ms.update((n, self.now_ms) for n in self.robots.keys() - set(stood))
+        stood = Stands.long(self.moved_ms, self.now_ms)
         if stood and self.now_ms % LOOK_MS < STEP_MS:
-            self._stalled(stood)
-
-    def _stalled(self, names: list[RobotName]) -> None:
-        plans = {plan.robot: plan for plan in self.traffic.plans(self.now_ms)}
-        struck = {key.split("/")[1] for key in self.world.troubles}
-        late = {name for name, robot in self.robots.items() if robot.held_s > 0.0}
-        moving = {n for n, at_ms in self.moved_ms.items() if self.now_ms - at_ms < MOVING_MS}
-        named = explained(plans, late | moving | {RobotName(name) for name in struck})
-        for name in names:
-            since_ms = max(self.moved_ms[name], self.caused_ms[name])
-            if name in named:
-                self.caused_ms[name] = self.now_ms
-            elif self.now_ms - since_ms > self.unnamed_ms:
-                self.unnamed_ms, self.stall = self.now_ms - since_ms, [name, plans[name]]
+            plans = {plan.robot: plan for plan in self.traffic.plans(self.now_ms)}
+            struck = {RobotName(key.split("/")[1]) for key in self.world.troubles}
+            late = {name for name, robot in self.robots.items() if robot.held_s > 0.0}
+            self.stands.look(stood, self.moved_ms, plans, late | struck, self.now_ms)
 
     def bodies(self, names: Sequence[RobotName] | None = None) -> dict[RobotName, shapely.Polygon]:
         chosen = list(self.robots) if names is None else names
@@ -352,7 +336,7 @@ class Yard:
                 [plan.wait for plan in self.traffic.plans(self.now_ms)],
             )
             self.run(2.0, grants_every=10)
-        assert self.unnamed_ms < STALL_MS, self.stall
+        assert self.stands.unnamed_ms < STALL_MS, self.stands.unnamed
         return (self.now_ms - began_ms) / 1000
 
 
@@ -363,25 +347,6 @@ def near_others(robots: Mapping[RobotName, SimRobot]) -> list[RobotName]:
     reach_m = 2 * max((robot.body.radius_m for robot in robots.values()), default=0.0)
     pairs = cKDTree(at).query_pairs(reach_m, output_type="ndarray")
     return [names[k] for k in np.unique(pairs)]
-
-
-def explained(plans: Mapping[RobotName, Plan], causes: Collection[RobotName]) -> set[RobotName]:
-    """Robots whose waiting comes in the end from something else than robots that wait: from one of
-    these causes, a person, a door, reserved ground, work, a queue before a dead end.
-    """
-    named = set(causes)
-    behind: dict[RobotName, set[RobotName]] = {}
-    for name, plan in plans.items():
-        blockers = plan.blocked_by or (plan.wait.blockers if plan.wait is not None else ())
-        behind[name] = set(blockers)
-        if plan.wait is not None and plan.wait.reason not in EVER:
-            named.add(name)
-    more = True
-    while more:
-        found = {n for n, others in behind.items() if others & named or others - behind.keys()}
-        more = not found <= named
-        named |= found
-    return named
 
 
 def _corners(shape: shapely.Polygon) -> tuple[XY, ...]:

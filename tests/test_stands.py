@@ -1,0 +1,45 @@
+from ledger.ids import RobotName, SceneId
+from ledger.link import Plan
+from ledger.waits import Wait, WaitReason
+from tests.stands import MOVING_MS, SHORT_MS, Stands, explained
+
+A, B, C = (RobotName(name) for name in "ABC")
+
+
+def plan(name, reason=None, *blockers):
+    wait = None
+    if reason is not None:
+        wait = Wait(robot=name, since_ms=0, reason=reason, blockers=blockers, place=None)
+    return Plan(scene=SceneId("s"), robot=name, at_ms=0, ready=True, wait=wait)
+
+
+def plans(*given):
+    return {one.robot: one for one in given}
+
+
+def test_a_wait_has_a_cause_where_its_chain_ends_at_one():
+    ring = plans(plan(A, WaitReason.BEHIND_ROBOT, B), plan(B, WaitReason.BEHIND_ROBOT, A))
+    assert explained(ring, ()) == set()
+    assert explained(ring, {B}) == {A, B}
+    queue = plans(plan(A, WaitReason.BEHIND_ROBOT, B), plan(B, WaitReason.POCKET_TOKEN, C), plan(C))
+    assert explained(queue, ()) == {A, B}
+
+
+def test_a_stand_is_counted_from_the_last_motion_and_from_the_end_of_a_cause():
+    waits = plans(plan(A, WaitReason.YIELDING), plan(B, WaitReason.BEHIND_ROBOT, A))
+    stands, moved_ms = Stands(), {A: 0, B: 5_000}
+    stands.look([A, B], moved_ms, waits, (), 20_000)
+    assert stands.unnamed_ms == 20_000  # of A
+    stands.look([A, B], moved_ms, waits, {A}, 90_000)
+    assert stands.unnamed_ms == 20_000
+    stands.look([A, B], moved_ms, waits, (), 130_000)
+    assert stands.unnamed_ms == 40_000
+    assert stands.unnamed == (A, waits[A])
+
+
+def test_who_moves_stands_not_and_is_a_cause_for_those_behind():
+    waits = plans(plan(A), plan(B, WaitReason.BEHIND_ROBOT, A))
+    stands = Stands()
+    stands.look([A, B], {A: 50_001 - MOVING_MS, B: 0}, waits, (), 50_000)
+    assert stands.unnamed_ms == 0
+    assert Stands.long({A: 0, B: 1}, SHORT_MS + 1) == [A]
