@@ -56,11 +56,9 @@ class Stands:
         """Take in how things are; `causes`: robots that something is known to be wrong with."""
         moving = {n for n, at_ms in moved_ms.items() if now_ms - at_ms < MOVING_MS}
         named = explained(plans, moving.union(causes))
+        self._caused_ms.update((name, now_ms) for name in (*causes, *named.difference(moving)))
         for name in standing:
-            if name in moving:
-                continue
             if name in named:
-                self._caused_ms[name] = now_ms
                 continue
             stood_ms = now_ms - max(moved_ms[name], self._caused_ms.get(name, 0))
             if stood_ms > self.unnamed_ms:

@@ -37,6 +37,13 @@ def test_a_stand_is_counted_from_the_last_motion_and_from_the_end_of_a_cause():
     assert stands.unnamed == (A, waits[A])
 
 
+def test_a_cause_counts_for_who_has_nowhere_to_go_while_it_lasts():
+    stands, moved_ms = Stands(), {A: 0}
+    stands.look([], moved_ms, {}, {A}, 200_000)
+    stands.look([A], moved_ms, plans(plan(A)), (), 210_000)
+    assert stands.unnamed_ms == 10_000
+
+
 def test_who_moves_stands_not_and_is_a_cause_for_those_behind():
     waits = plans(plan(A), plan(B, WaitReason.BEHIND_ROBOT, A))
     stands = Stands()

@@ -16,7 +16,7 @@ import shapely
 from ledger.ids import RobotName
 from ledger.scene import XY
 from scheduler.traffic.admission import NEVER
-from scheduler.traffic.closures import Closure, Closures, lay_over, together
+from scheduler.traffic.closures import Closures, lay_over, together
 from scheduler.traffic.costs import INFINITE, WAYS_MAX, Costs
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.grants import Grants
@@ -24,7 +24,7 @@ from scheduler.traffic.placing import Entry
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import ENTRY, Builder
 from scheduler.traffic.track import Track
-from scheduler.traffic.world import World
+from scheduler.traffic.world import Closure, World
 
 CLOSURES_MAX = 64  # kept: one for all strangers, and one for each robot that owns or leaves ground
 NEAR_MAX = 8  # stops looked at for a robot that has to leave
@@ -242,12 +242,13 @@ class Claims:
         """Close to the planner what lost robots hold, for good; and what others hold off their
         points, until they have left their places.
         """
-        held: list[tuple[int | None, Closure]] = []
+        held: list[tuple[str, int | None, Closure]] = []
         for track in tracks:
             slots = (*track.owned, *track.promised) if track.lost else track.owned
             cells = tuple(s.cell for s in slots if track.lost or self._grants.is_shape(s.cell))
             if cells:
-                held.append((None if track.lost else track.place, self._under(cells)))
+                place = None if track.lost else track.place
+                held.append((track.name, place, self._under(cells)))
         lay_over(world, held)
 
     def _under(self, cells: tuple[int, ...]) -> Closure:

@@ -6,26 +6,11 @@ import copy
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
-import msgspec
-
 from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.moves import Moves
 from scheduler.traffic.pockets import find
 from scheduler.traffic.roadmap import Roadmap
-from scheduler.traffic.world import World
-
-
-class Closure(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where nobody may go any more."""
-
-    cells: frozenset[int] = frozenset()  # compiled cells that the ground overlaps
-    moves: frozenset[int] = frozenset()
-    turns: frozenset[int] = frozenset()  # points where nobody can turn
-    places: int = 0  # bits of the places where nobody can rest
-
-    def holds(self, place: int | None) -> bool:
-        """Is the place, if it is one, on the ground."""
-        return place is not None and bool(self.places >> place & 1)
+from scheduler.traffic.world import Closure, World
 
 
 class Closures:
@@ -80,12 +65,13 @@ class Closures:
         return made
 
 
-def lay_over(world: World, held: Sequence[tuple[int | None, Closure]]) -> None:
+def lay_over(world: World, held: Sequence[tuple[str, int | None, Closure]]) -> None:
     """Take in what robots close: for good, or until the place that one rests on is empty."""
-    gone = together(closure for place, closure in held if place is None)
+    world.closed_by = {name: closure for name, place, closure in held if place is None}
+    gone = together(world.closed_by.values())
     world.closed_moves, world.closed_turns = gone.moves, gone.turns
     world.closed_places |= gone.places
-    for place, closure in held:
+    for _, place, closure in held:
         if place is not None:
             for move in closure.moves:
                 world.more_need[move] = world.more_need.get(move, 0) | 1 << place

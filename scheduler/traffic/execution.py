@@ -211,6 +211,7 @@ class Execution:
                     heading_rad=before[1],
                     need=need,
                     committed=track.commit != before[2],
+                    unsafe_with=() if safe is None else safe.rings.get(name, ()),
                 )
             )
         return outcomes

@@ -18,11 +18,11 @@ from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.halts import Halts, around_halted
 from scheduler.traffic.lacam import Search
 from scheduler.traffic.planner import Planner, Proposal
-from scheduler.traffic.region import REGIONS, needs_of_way, region, search, until_nearer
+from scheduler.traffic.region import REGIONS, needs_of_way, region, search, until_nearer, way
 from scheduler.traffic.rescue import Rescue
 from scheduler.traffic.stalls import STALL_MS, Stalls
 from scheduler.traffic.track import Track
-from scheduler.traffic.world import World
+from scheduler.traffic.world import World, in_way
 
 LOOK_MS = 1_000  # between two looks at all robots, and so between two searches
 LOOKED_AT_MAX = 8  # of those that are stuck, the first in rank, at one time
@@ -190,8 +190,8 @@ class Ladder:
             if found is not None:
                 self.counted.rescues += 1
                 self._vain.pop(agent.name, None)
-                way = until_nearer(world, agent, found, self._stalls.least_s(agent.name))
-                return Rescue(robot=agent.name, goal=agent.goal, way=way, since_ms=now_ms)
+                short = until_nearer(world, agent, found, self._stalls.least_s(agent.name))
+                return Rescue(robot=agent.name, goal=agent.goal, way=short, since_ms=now_ms)
             why = _why(around_them, tracks, k, around, proven=proven)
             again_ms = 2 * vain.retry_ms if vain is not None and known else RETRY_MS
             self._note_vain(agent.name, agent.goal, why, world, now_ms, again_ms)
@@ -297,17 +297,18 @@ def _why(
     lost = {track.name for track in tracks.values() if track.lost}
     alone = Search(_without(world, {k, *fixed}), [sum(n < k for n in fixed)]).run(REGIONS[-1][1])
     if alone.way is None and alone.proven:
-        way = needs_of_way(world, agent, (agent.place, agent.heading_rad), LONG_WAY)
-        standing = [world.agents[n] for n in fixed if way >> world.agents[n].place & 1]
-        silent = tuple(RobotName(o.name) for o in standing if o.name in lost)
-        silent = silent or tuple(sorted(n for n in lost if tracks[n].place is None))
+        here = agent.place, agent.heading_rad
+        needs = needs_of_way(world, agent, here, LONG_WAY)
+        standing = [world.agents[n] for n in fixed if needs >> world.agents[n].place & 1]
+        closing = [n for step in way(world, agent, here, LONG_WAY) for n in in_way(world, *step)]
+        names = tuple(dict.fromkeys(map(RobotName, (*(o.name for o in standing), *closing))))
+        silent = tuple(name for name in names if name in lost)
         if silent:
             text = f"{', '.join(silent[:NAMED_MAX])} does not answer and stands in the way"
             return _Why(text=text, robots=silent[:NAMED_MAX])
-        names = tuple(RobotName(other.name) for other in standing)[:NAMED_MAX]
         if names:
-            text = f"{', '.join(names)} stands in the way and cannot be sent away"
-            return _Why(text=text, robots=names, working=True)
+            text = f"{', '.join(names[:NAMED_MAX])} stands in the way and cannot be sent away"
+            return _Why(text=text, robots=names[:NAMED_MAX], working=True)
         return _Why(text="ground on the way is taken by what is not on the map's points")
     names = tuple(RobotName(world.agents[n].name) for n in around if n != k)[:NAMED_MAX]
     word = "there is no way" if proven else "no way was found"

@@ -75,16 +75,24 @@ def region(world: World, k: int) -> list[int]:
     return found
 
 
-def needs_of_way(world: World, agent: Agent, stand: Stand, moves_max: int) -> int:
-    """Bits of the places that its best way from there needs on the map, whoever is there."""
+def way(world: World, agent: Agent, stand: Stand, moves_max: int) -> list[tuple[int, float, int]]:
+    """Its best way from there on the map, whoever is there: places, headings, and the moves."""
     assert agent.goal is not None
-    (place, heading), bits = stand, 0
-    roadmap = world.roadmap
+    place, heading = stand
+    roadmap, found = world.roadmap, list[tuple[int, float, int]]()
     for _ in range(moves_max):
         ways = [] if place == agent.goal else agent.costs.ways(place, heading, agent.goal)
         if not ways:
             break
         move = min(ways)[1]
-        bits |= roadmap.moves.need[move] | world.more_need.get(move, 0)
+        found.append((place, heading, move))
         place, heading = roadmap.moves.end[move], roadmap.heading_end[move]
+    return found
+
+
+def needs_of_way(world: World, agent: Agent, stand: Stand, moves_max: int) -> int:
+    """Bits of the places that this way needs."""
+    bits = 0
+    for _, _, move in way(world, agent, stand, moves_max):
+        bits |= world.roadmap.moves.need[move] | world.more_need.get(move, 0)
     return bits

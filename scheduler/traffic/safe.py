@@ -29,7 +29,7 @@ class Safe:
             agent.name: (agent.place, agent.heading_rad) for agent in world.agents
         }
         self._at = {agent.place: agent.name for agent in world.agents}
-        self.refused = 0
+        self.rings: dict[str, tuple[str, ...]] = {}  # of those refused: who would wait for whom
 
     def take(self, name: str, moves: tuple[int, ...]) -> bool:
         """Take an operation in, if all is as safe after it as it was before."""
@@ -38,13 +38,14 @@ class Safe:
         roadmap, before = self._world.roadmap, self._stands[name]
         after = roadmap.moves.end[moves[-1]], roadmap.heading_end[moves[-1]]
         self._put(name, after)
-        if name in self._excused or not self._jammed(name):
+        jam = set() if name in self._excused else self._jam(name)
+        if not jam:
             return True
         self._put(name, before)
-        if self._jammed(name):  # it was so before, and this may be the way out
+        if self._jam(name):  # it was so before, and this may be the way out
             self._put(name, after)
             return True
-        self.refused += 1
+        self.rings[name] = tuple(sorted(jam - {name}))
         return False
 
     def _put(self, name: str, stand: _Stand) -> None:
@@ -52,12 +53,12 @@ class Safe:
         self._at[stand[0]] = name
         self._stands[name] = stand
 
-    def _jammed(self, name: str) -> bool:
-        """Does it wait, if only through others, for a ring of robots none of whom can move."""
+    def _jam(self, name: str) -> set[str]:
+        """The ring of robots, none of whom can move, that it waits for, if only through others."""
         waits = self._followed(name)
         ring = _in_rings(waits)
         if not ring:
-            return False
+            return ring
         left = dict.fromkeys(waits)
         taken = 0
         for place in self._at:
@@ -70,7 +71,7 @@ class Safe:
                     taken &= ~(1 << self._stands[other][0])
                     del left[other]
                     again = True
-        return not ring.isdisjoint(left)
+        return ring.intersection(left)
 
     def _followed(self, name: str) -> dict[str, tuple[str, ...]]:
         """Who waits for whom, from one robot on."""

@@ -18,7 +18,7 @@ from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import ARRIVED_M, Track
-from scheduler.traffic.world import World, has_token, room
+from scheduler.traffic.world import World, has_token, in_way, room
 
 __all__ = ["Wait", "WaitReason", "Waits"]
 
@@ -53,6 +53,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     heading_rad: float
     need: int  # bits of the places that had to be empty
     committed: bool
+    unsafe_with: tuple[str, ...] = ()  # it was not: with these it would wait in a ring for ever
 
 
 class Floor(msgspec.Struct, frozen=True, kw_only=True):
@@ -63,7 +64,7 @@ class Floor(msgspec.Struct, frozen=True, kw_only=True):
     fixed: Collection[RobotName]  # work where they are, or cannot be moved
     doors: Callable[[Track], tuple[str, ...]]  # shut before a robot, named as in a plan
     world: World  # as the planner last saw it
-    refused: Mapping[RobotName, int] = {}  # proposed, and not committed: need
+    refused: Mapping[RobotName, Outcome] = {}  # proposed, and not committed
 
 
 class Waits:
@@ -76,7 +77,7 @@ class Waits:
         self._seen: dict[RobotName, Mark] = {}
         self._since_ms: dict[RobotName, tuple[bool, int]] = {}  # is it late, and since when
         self._pushed: dict[RobotName, tuple[RobotName, int]] = {}  # by whom, and when
-        self.refused: dict[RobotName, int] = {}
+        self.refused: dict[RobotName, Outcome] = {}
         self.pushes = 0
         self.plannings: dict[str, int] = {}  # by what made them due
         self._looked: tuple[int, dict[RobotName, Wait]] = (-LOOK_MS, {})
@@ -107,7 +108,7 @@ class Waits:
                 left[outcome.place] = outcome
                 vacated |= 1 << outcome.place
             else:
-                self.refused[outcome.robot] = outcome.need
+                self.refused[outcome.robot] = outcome
 
     def look(self, floor: Floor, now_ms: int) -> dict[RobotName, Wait]:
         """Say who waits now, or did a moment ago: no more often than it is shown."""
@@ -179,8 +180,9 @@ class Waits:
                 if doors
                 else (WaitReason.RESERVED_GROUND, others, goal)
             )
-        if track.aim is None or track.aim == track.place:
-            return None  # it is where it is to be
+        if track.aim is None or track.aim == track.place:  # it is where it is to be
+            aside = self._aside(track, floor, at)
+            return (WaitReason.BEHIND_ROBOT, aside, None) if aside else None
         return self._at_rest(track, track.place, track.aim, floor, at)
 
     def _on_its_way(self, track: Track, floor: Floor) -> _Why | None:
@@ -225,12 +227,11 @@ class Waits:
         end = self._roadmap.moves.end[move]
         name = self._name(end)
         world = floor.world
-        if move in world.closed_moves or world.closed_places >> end & 1:
-            lost = tuple(other.name for other in floor.tracks.values() if other.lost)
-            stray = tuple(o.name for o in floor.tracks.values() if o.trouble is not None)
-            if lost or stray:
-                reason = WaitReason.ROBOT_LOST if lost else WaitReason.ROBOT_FIXED
-                return reason, lost or stray, name
+        closing = tuple(map(RobotName, in_way(world, place, track.heading_rad, move)))
+        if closing:
+            lost = tuple(other for other in closing if floor.tracks[other].lost)
+            reason = WaitReason.ROBOT_LOST if lost else WaitReason.ROBOT_FIXED
+            return reason, lost or closing, name
         need = room(world, place, track.heading_rad, (move,), aim) & ~(1 << place)
         inside = _standing(need, at)
         fixed = tuple(other for other in inside if other in floor.fixed)
@@ -242,11 +243,24 @@ class Waits:
         waited = self._for_token(track, place, end, floor)
         if waited:
             return WaitReason.POCKET_TOKEN, waited, name
+        aside = self._aside(track, floor, at)
+        if aside:
+            return WaitReason.BEHIND_ROBOT, aside, name if aside == inside else None
         if inside:
             return WaitReason.BEHIND_ROBOT, inside, name
+        own = floor.refused.get(track.name)
+        if own is not None and own.unsafe_with:
+            return WaitReason.YIELDING, tuple(map(RobotName, own.unsafe_with)), name
         need |= 1 << place
-        first = (n for n, other in floor.refused.items() if other & need and n != track.name)
+        first = (n for n, other in floor.refused.items() if other.need & need and n != track.name)
         return WaitReason.YIELDING, tuple(first), name
+
+    def _aside(
+        self, track: Track, floor: Floor, at: Mapping[int, RobotName]
+    ) -> tuple[RobotName, ...]:
+        """Who stands where the planner would have it go, and if only to make way."""
+        own = floor.refused.get(track.name)
+        return () if own is None else _standing(own.need & ~(1 << own.place), at)
 
     def _for_token(self, track: Track, place: int, end: int, floor: Floor) -> tuple[RobotName, ...]:
         """Who has to leave the dead end that a move leads into, if it may not be entered."""

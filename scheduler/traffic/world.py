@@ -24,6 +24,19 @@ class Agent(msgspec.Struct, kw_only=True):
     leaving: bool = False  # ground that somebody waits for: all around it may be dead ends
 
 
+class Closure(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where nobody may go any more."""
+
+    cells: frozenset[int] = frozenset()  # compiled cells that the ground overlaps
+    moves: frozenset[int] = frozenset()
+    turns: frozenset[int] = frozenset()  # points where nobody can turn
+    places: int = 0  # bits of the places where nobody can rest
+
+    def holds(self, place: int | None) -> bool:
+        """Is the place, if it is one, on the ground."""
+        return place is not None and bool(self.places >> place & 1)
+
+
 class World(msgspec.Struct, kw_only=True):
     """A snapshot to plan on. `agents` come in the order of rank; each place has one at most."""
 
@@ -32,6 +45,7 @@ class World(msgspec.Struct, kw_only=True):
     closed_moves: frozenset[int] = frozenset()  # they lead over ground that will not become free
     closed_turns: frozenset[int] = frozenset()  # points where for that reason nobody can turn
     closed_places: int = 0  # bits
+    closed_by: Mapping[str, Closure] = {}  # robot -> what of that its ground closes
     # Bodies that stand otherwise than the map foresees: what else must be empty, by move and by
     # point of a turn.
     more_need: dict[int, int] = {}
@@ -58,6 +72,17 @@ def room(
     if place == goal and roadmap.final_turn_rad(place, heading_rad):
         bits |= turning_room(world, place)
     return bits
+
+
+def in_way(world: World, place: int, heading_rad: float, move: int) -> tuple[str, ...]:
+    """Robots whose ground closes a move to all others: lost ones, and those between stops."""
+    turns = bool(turn_rad(heading_rad, world.roadmap.heading_start[move]))
+    point = world.roadmap.places.point[place]
+    return tuple(
+        name
+        for name, closed in world.closed_by.items()
+        if move in closed.moves or (turns and point in closed.turns)
+    )
 
 
 def may_be_pushed(world: World, moves: tuple[int, ...]) -> bool:

@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 from ledger.ids import PointName, RobotName
 from ledger.link import DOOR, EXTERNAL
 from ledger.scene import Area, Door, Group
+from ledger.scene_config import SceneConfig
 from ledger.waits import Wait, WaitReason, chains
 from scheduler.goal import Goal
 from scheduler.traffic.doors import DoorNow
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import area_of, both, lattice, spread, warehouse
+from tests.scheduler.traffic.test_safe import GOALS, STANDS, TRAP
 
 GROUPS = (Group(id=0, name="g"),)
 R0, R1, R2 = RobotName("R0"), RobotName("R1"), RobotName("R2")
@@ -241,3 +243,45 @@ def test_nobody_stands_without_a_reason_and_reasons_name_others(seed: int, kind:
             assert name not in wait.blockers
             assert set(wait.blockers) <= made.robots.keys()
             assert wait.reason is WaitReason.PUSHED or name not in made.busy
+
+
+def test_who_is_between_stops_is_named_by_those_whose_way_it_closes_and_nobody_else_is():
+    spots = {"R0": ("P0-0", 0.0), "R1": ("P2-0", 0.0), "R2": ("P3-0", 0.0)}
+    made = floor(lattice(4, 1), spots)
+    across, away = made.robots[R1], made.robots[R2]
+    across.x, across.y, across.heading = 3.0, 0.2, math.pi / 2
+    away.x, away.y = 20.0, 20.0
+    made.tick()
+    made.busy[R1] = 10**12  # people have it in hand
+    send(made, R0, "P2-0")
+    assert why(looked(made, 8), R0) == (WaitReason.ROBOT_FIXED, (R1,))
+
+
+def test_who_is_to_make_way_waits_for_those_who_stand_where_it_is_to_go():
+    """Not for the one that it would drive to if it were not pushed: that one waits for it."""
+    at = {"R0": "P0-0", "R1": "P1-0", "R2": "P2-0", "R3": "P4-0"}
+    made = floor(lattice(5, 1), {name: (point, 0.0) for name, point in at.items()})
+    r3 = RobotName("R3")
+    made.goals[r3] = Goal(point=PointName("P0-0"), rank=(0, 9, r3))
+    while made.robots[r3].speed == 0.0:
+        made.tick()
+    made.robots[r3].frozen_s = math.inf
+    send(made, R0, "P4-0")
+    made.goals[R1] = Goal(point=PointName("P0-0"), rank=(0, 1, R1))
+    found = looked(made, 5)
+    assert why(found, R0) == (WaitReason.BEHIND_ROBOT, (R1,))
+    assert why(found, R1) == (WaitReason.BEHIND_ROBOT, (R2,))
+    assert why(found, R2) == (WaitReason.BEHIND_ROBOT, (r3,))
+    assert why(found, r3) == (WaitReason.LATE, ())
+
+
+def test_who_would_close_a_ring_waits_for_those_in_it():
+    made = floor(TRAP, {name: (at, 0.0) for name, at in STANDS.items()})
+    made.traffic.tune(SceneConfig(deadlock_prevention=True))
+    made.tick()
+    for name in "BCDEF":
+        made.robots[RobotName(name)].frozen_s = math.inf
+        made.goals[RobotName(name)] = Goal(point=PointName(GOALS[name]), rank=(0, 1, name))
+    send(made, RobotName("G"), GOALS["G"])
+    found = looked(made, 5)
+    assert why(found, RobotName("G")) == (WaitReason.YIELDING, ("B", "C", "D", "E"))
