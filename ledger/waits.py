@@ -16,7 +16,7 @@ class WaitReason(StrEnum):
     ROBOT_FIXED = "RobotFixed"  # on its way somebody stands who cannot be sent away
     ROBOT_LOST = "RobotLost"  # on its way somebody stands who does not answer
     POCKET_TOKEN = "PocketToken"  # a dead end has to empty before it may enter
-    YIELDING = "Yielding"  # its way is wanted by robots that come first
+    YIELDING = "Yielding"  # its way is wanted by robots that come first, or would close a ring
     PUSHED = "Pushed"  # it has made way, and stands where it was sent
     DOOR = "Door"  # a door is shut, or does not work
     RESERVED_GROUND = "ReservedGround"  # ground is reserved for somebody else
