@@ -35,7 +35,8 @@ def _stops(area: Area) -> list[PointName]:
     return [name for name, place in roadmap.place.items() if place < roadmap.places.stops]
 
 
-def _instances() -> list[Instance]:
+def instances() -> list[Instance]:
+    """Real maps where their files are, and open grids."""
     real = [
         Instance(
             name=name,
@@ -67,7 +68,7 @@ def _instances() -> list[Instance]:
 
 def rows(quick: bool = False, only: str = "") -> list[Row]:
     """Every instance, or those whose name has `only` in it."""
-    return [row(i, quick) for i in _instances() if only in f"{i.name} {i.robots}"]
+    return [row(i, quick) for i in instances() if only in f"{i.name} {i.robots}"]
 
 
 if __name__ == "__main__":

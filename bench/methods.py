@@ -1,20 +1,28 @@
 """The two planners beside each other: `Distributed` (PIBT) and `Venus` (conflict-based search).
 
 Run as `python -m bench.methods`, or with `--quick`; `--only` takes instances with this in their
-names. Maps, delays and free flow are those of `bench.floors`. Venus searches where it stands here,
-so that it costs no simulated time; how long its searches take says whether it could keep up.
+names. Maps, delays and free flow are those of `bench.floors` and `bench.maps`. Venus searches where
+it stands here, so that it costs no simulated time; how long its searches take says whether it could
+keep up.
 """
 
 import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from bench.floors import Instance, Row, begun, floor, free_orders_per_h, instances, judged, report
+from bench import floors, maps
+from bench.floors import Instance, Row, begun, floor, free_orders_per_h, judged, report
 from ledger.scene_config import SceneConfig, TrafficMethod
 from scheduler.traffic.venus import Answer, Venus, at_once
 
-CHOSEN = (("fine lattice", (30, 60)), ("paired", (20, 30)))  # part of the name, robots
-SECONDS, QUICK_S = 900, 240
+# Part of the name, robots.
+CHOSEN = (
+    ("fine lattice", (30, 60)),
+    ("paired", (20, 30)),
+    ("ws_ps_bins", (6,)),
+    ("seer_sample_3", (8,)),
+)
+SECONDS = 900
 SEEDS = (1, 2, 3)
 QUICK_SEEDS = (1, 2)
 
@@ -54,12 +62,13 @@ def measure(instance: Instance, method: TrafficMethod, seed: int, seconds: float
         "search_ms_mean": 1000 * sum(spent_s) / len(spent_s),
         "search_ms_max": 1000 * spent_s[-1],
         "by_pibt": counted.by_pibt / max(counted.proposals, 1) if counted else 1.0,
+        "incomplete": counted.incomplete / max(counted.plans, 1) if counted else 0.0,
     }
 
 
 def row(instance: Instance, method: TrafficMethod, free: float, quick: bool) -> Row:
     """All seeds of one instance under one planner: means, and the longest."""
-    seconds = QUICK_S if quick else SECONDS
+    seconds = instance.quick_s // 2 if quick else SECONDS
     seeds = QUICK_SEEDS if quick else SEEDS
     runs = [measure(instance, method, seed, seconds) for seed in seeds]
     found: Row = {"instance": f"{instance.name}, {method.value}", "robots": instance.robots}
@@ -82,12 +91,12 @@ def rows(quick: bool = False, only: str = "") -> list[Row]:
     """Both planners on each instance."""
     found = []
     for part, robots in CHOSEN:
-        for instance in instances():
+        for instance in (*floors.instances(), *maps.instances()):
             name = f"{instance.name} {instance.robots}"
             if part not in name or instance.robots not in robots or only not in name:
                 continue
             seeds = QUICK_SEEDS if quick else SEEDS
-            seconds = QUICK_S if quick else SECONDS
+            seconds = instance.quick_s // 2 if quick else SECONDS
             controls = [free_orders_per_h(instance, seed, seconds) for seed in seeds]
             free = sum(controls) / len(controls)
             found += [row(instance, method, free, quick) for method in TrafficMethod]
