@@ -35,6 +35,7 @@ class Piece(Value, frozen=True, kw_only=True):
     backward: bool = False
     speed_mps_max: float | None = None
     acceleration_mps2_max: float | None = None
+    from_rest: bool = False  # before it there is ground to rest on, and others may count on that
 
 
 class Drive(Value, frozen=True, kw_only=True, tag=True):

@@ -267,7 +267,7 @@ class Admission:
         for piece in route:
             track.pieces.append((piece, track.way_m))
             track.way_m += piece.length_m if piece.path is not None else 0.0
-        known = sum(slot.end is not None and slot.end <= report.authority for slot in slots[:-1])
+        known = sum(_is_granted(slot, report.authority) for slot in slots[:-1])
         passed = sum(slot.end is not None and slot.end <= report.progress for slot in slots[:-1])
         if not known:  # it has not set out: it owns the ground under it, and may go no further
             self._claim(track, report, None)
@@ -290,6 +290,13 @@ class Admission:
         samples = max(2, math.ceil(piece.length_m / 0.1))
         _, poses = poses_along(piece.curve, samples, piece.backward)
         return shapely.convex_hull(shapely.multipoints(placed(corners, poses).reshape(-1, 2)))
+
+
+def _is_granted(slot: Slot, authority: Mark) -> bool:
+    """Does leave to drive so far mean that the robot owns it; of a rest at the end it does not."""
+    if slot.end is None or slot.end == authority:
+        return slot.end is not None and not slot.resting
+    return slot.end < authority
 
 
 def _outstanding(report: Report) -> list[Piece]:

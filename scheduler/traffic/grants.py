@@ -107,6 +107,14 @@ class Grants:
                         return False
         return True
 
+    def awaited(self, cell: int, owner: str, commit: int) -> bool:
+        """Is ground that excludes the cell promised to another under a later commit than this."""
+        return any(
+            number > commit and name != owner
+            for other in self.excluded(cell)
+            for number, name in self._promises.get(other, ())
+        )
+
     def take(self, cell: int, owner: str) -> None:
         """Own a cell, asked or not: `free` is the caller's to ask, but where a body already is."""
         holders = self._owner.setdefault(cell, {})

@@ -97,15 +97,7 @@ class Builder:
     def rest(self) -> None:
         """End here: the ground of a robot that rests, until it is sent on."""
         assert self.point is not None
-        last = self.pieces[-1]
-        self.slots.append(
-            Slot(
-                cell=self.roadmap.rest(self.footprint, self.point),
-                end=Mark(piece=last.number, along_m=last.length_m),
-                commit=last.commit,
-                resting=True,
-            )
-        )
+        self.slots.append(_rest(self.roadmap, self.footprint, self.point, self.pieces[-1]))
 
     def _append(self, piece: Piece, cells: list[tuple[int, float]]) -> None:
         self.pieces.append(piece)
@@ -116,6 +108,16 @@ class Builder:
         self.piece += 1
 
 
+def _rest(roadmap: Roadmap, footprint: int, point: int, last: Piece) -> Slot:
+    """The ground on which a robot rests behind this piece."""
+    return Slot(
+        cell=roadmap.rest(footprint, point),
+        end=Mark(piece=last.number, along_m=last.length_m),
+        commit=last.commit,
+        resting=True,
+    )
+
+
 def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Slot] | None:
     """The cells of a route that was committed before a restart, under its old commit numbers;
     None if the route is not of this roadmap.
@@ -123,9 +125,13 @@ def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Sl
     points = {(point.x_m, point.y_m): k for k, point in enumerate(roadmap.net.points)}
     slots: list[Slot] = []
     point: int | None = None
+    before: Piece | None = None
     for piece in route:
         if piece.plan != roadmap.digest:
             return None
+        if piece.from_rest and before is not None and point is not None:
+            slots.append(_rest(roadmap, footprint, point, before))
+        before = piece
         if piece.path is None:
             point = points.get(piece.curve[0])
             if point is None:
@@ -148,15 +154,7 @@ def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Sl
             )
     if point is None:
         return None
-    last = route[-1]
-    slots.append(
-        Slot(
-            cell=roadmap.rest(footprint, point),
-            end=Mark(piece=last.number, along_m=last.length_m),
-            commit=last.commit,
-            resting=True,
-        )
-    )
+    slots.append(_rest(roadmap, footprint, point, route[-1]))
     return slots
 
 

@@ -32,7 +32,7 @@ class Slot(msgspec.Struct, kw_only=True):
     end: Mark | None  # None = only when the first cell of the next route is left
     commit: int
     standing: bool = False  # ground it was found on: it may stay there, which is no leave to drive
-    resting: bool = False  # the place at the end of a route; dropped if the route goes on in time
+    resting: bool = False  # the place at the end of a commit; dropped if the route goes on in time
 
 
 class Track(msgspec.Struct, kw_only=True):
@@ -169,9 +169,12 @@ class Track(msgspec.Struct, kw_only=True):
 
     def extend(self, pieces: list[Piece], slots: list[Slot], grants: Grants) -> None:
         """Append a committed move: its pieces to the route, its cells as promises."""
-        if self.promised and self.promised[-1].resting:
-            slot = self.promised.pop()
-            grants.withdraw(slot.cell, self.name, slot.commit)
+        rest = self.promised[-1] if self.promised else self.owned[-1]
+        if rest.resting and self.promised and not self._counted_on(grants):
+            self.promised.pop()
+            grants.withdraw(rest.cell, self.name, rest.commit)
+        elif rest.resting:
+            pieces[0] = msgspec.structs.replace(pieces[0], from_rest=True)
         first = next((piece for piece in pieces if piece.path is not None), pieces[0])
         left = next(slot.end for slot in slots if slot.end and slot.end.piece == first.number)
         for slot in self.owned:
@@ -186,6 +189,14 @@ class Track(msgspec.Struct, kw_only=True):
         self.piece_next = pieces[-1].number + 1
         self.end = Mark(piece=pieces[-1].number, along_m=pieces[-1].length_m)
         self.commit = pieces[-1].commit
+
+    def _counted_on(self, grants: Grants) -> bool:
+        """Has somebody else been promised ground since that it only gives up when it rests. Without
+        that rest it would wait for them on the end of its way there, and they for it.
+        """
+        rest = self.promised[-1]
+        before = self.promised[-2] if len(self.promised) > 1 else self.owned[-1]
+        return grants.awaited(before.cell, self.name, rest.commit)
 
     def acquire(self, grants: Grants, shut: Shut) -> bool:
         """Own as many of the next cells as are free and not behind a shut door."""

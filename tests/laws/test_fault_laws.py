@@ -80,7 +80,8 @@ def acyclic(traffic: Traffic) -> None:
                 if slot.cell in excluded:
                     lower = slot.commit < wanted.commit or slot.standing
                     assert lower, (name, wanted, other.name, slot)
-                    if slot.end is None or slot.end >= other.authority:  # it drives no further
+                    left = slot.end is not None and slot.end <= other.authority
+                    if not left or slot is other.owned[-1]:  # it drives no further
                         waits_for[name].add(other.name)
     while free := {name for name, others in waits_for.items() if not others & waits_for.keys()}:
         for name in free:
