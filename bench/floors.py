@@ -240,7 +240,6 @@ def measure(instance: Instance, seed: int, seconds: float) -> Row:
         "share": ours.orders_per_h() / free,
         "unserved_s": ours.unserved_ms / 1000,
         "unnamed_s": stands.unnamed_ms / 1000,
-        "still_s": ours.still_ms / 1000,
         "cpu_s": time.process_time() - start,
     }
 

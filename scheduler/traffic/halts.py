@@ -6,12 +6,9 @@ waits, in the end, for one that does not drive though it may. Nobody can send su
 
 from collections.abc import Iterable
 
-import msgspec
-
 from ledger.ids import RobotName
 from ledger.link import Mark
 from scheduler.traffic.track import Track
-from scheduler.traffic.world import World
 
 # A late robot takes 6 s on average; ways that counted on a frozen one were found, and given up,
 # again and again for minutes (40 robots on a lattice with faults), and kept all others waiting.
@@ -36,13 +33,3 @@ class Halts:
                 )
         self._since = since
         return {name for name, (_, at_ms) in since.items() if now_ms - at_ms >= HALTED_MS}
-
-
-def around_halted(world: World, halted: Iterable[str]) -> World:
-    """The world with these robots where they are, whoever comes."""
-    names = set(halted)
-    agents = [
-        msgspec.structs.replace(agent, fixed=True) if agent.name in names else agent
-        for agent in world.agents
-    ]
-    return msgspec.structs.replace(world, agents=agents)

@@ -15,14 +15,14 @@ from ledger.ids import PointName, RobotName
 from ledger.link import Mark
 from ledger.scene import Value
 from scheduler.traffic.costs import INFINITE
-from scheduler.traffic.halts import Halts, around_halted
+from scheduler.traffic.halts import Halts
 from scheduler.traffic.lacam import Search
 from scheduler.traffic.planner import Planner, Proposal
 from scheduler.traffic.region import REGIONS, needs_of_way, region, search, until_nearer, way
 from scheduler.traffic.rescue import Rescue
 from scheduler.traffic.stalls import STALL_MS, Stalls
 from scheduler.traffic.track import Track
-from scheduler.traffic.world import World, in_way
+from scheduler.traffic.world import World, in_way, standing_still
 
 LOOK_MS = 1_000  # between two looks at all robots, and so between two searches
 LOOKED_AT_MAX = 8  # of those that are stuck, the first in rank, at one time
@@ -180,7 +180,7 @@ class Ladder:
                     self._note_vain(agent.name, agent.goal, why, world, now_ms)
                 if why is not None or agent.place == agent.goal or track.name in halted:
                     continue  # else it drives, if only to and fro
-            around_them = around_halted(world, halted - {agent.name})
+            around_them = standing_still(world, halted - {agent.name})
             nearest = region(around_them, k)
             since_ms = self._stalls.since_ms(agent.name) or now_ms
             if now_ms - since_ms < OTHERS_MS and _gives_way(world, k, nearest, stalled):

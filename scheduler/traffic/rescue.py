@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable
 import msgspec
 
 from scheduler.traffic.lacam import Way
-from scheduler.traffic.world import Agent, World, room
+from scheduler.traffic.world import Agent, World, room, standing_still
 
 # A way on which nothing has been committed for so long is given up: somebody on it works, or
 # stands still for another reason, and the floor around it has changed.
@@ -100,15 +100,10 @@ class Rescue(msgspec.Struct, kw_only=True):
 
     def shielded(self, world: World) -> World:
         """The world for everybody else: these robots stay, and their ground is closed."""
-        robots = self.robots()
         closed = world.closed_places
         for step in self._steps(world)[:CLOSED_AHEAD]:
             closed |= step.need | step.end
-        agents = [
-            msgspec.structs.replace(agent, fixed=True) if agent.name in robots else agent
-            for agent in world.agents
-        ]
-        return msgspec.structs.replace(world, agents=agents, closed_places=closed)
+        return msgspec.structs.replace(standing_still(world, self.robots()), closed_places=closed)
 
     def note(self, committed: Iterable[str], now_ms: int) -> None:
         """Take off what has been committed."""

@@ -1,6 +1,6 @@
 """What a planner looks at: robots with their places and goals, and what is closed just now."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import msgspec
 
@@ -56,6 +56,15 @@ class World(msgspec.Struct, kw_only=True):
     # For planners that look ahead: the moment, and what is under way by robot.
     now_ms: int = 0
     ahead: Mapping[str, Ahead] = {}
+
+
+def standing_still(world: World, names: Collection[str]) -> World:
+    """The same with these robots where they are, whoever comes."""
+    agents = [
+        msgspec.structs.replace(agent, fixed=True) if agent.name in names else agent
+        for agent in world.agents
+    ]
+    return msgspec.structs.replace(world, agents=agents)
 
 
 def room(

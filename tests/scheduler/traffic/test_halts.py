@@ -1,7 +1,8 @@
 from types import SimpleNamespace
 
 from ledger.link import Mark
-from scheduler.traffic.halts import HALTED_MS, Halts, around_halted
+from scheduler.traffic.halts import HALTED_MS, Halts
+from scheduler.traffic.world import standing_still
 from tests.scheduler.traffic.stuck import RING, roads, world_on
 
 ROADS = roads(RING)
@@ -26,5 +27,5 @@ def test_who_rests_at_the_end_of_its_way_has_not_halted():
 
 
 def test_those_who_have_halted_stay_where_they_are_for_a_search():
-    world = around_halted(world_on(ROADS, {"A": "a", "B": "b"}, {"A": "d"}), {"B"})
+    world = standing_still(world_on(ROADS, {"A": "a", "B": "b"}, {"A": "d"}), {"B"})
     assert [agent.fixed for agent in world.agents] == [False, True]

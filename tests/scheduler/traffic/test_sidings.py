@@ -21,12 +21,12 @@ def sidings():
     at |= {name: (at[beside][0], -SIDING_M) for name, beside in SIDINGS.items()}
     ways = [a + b for a, b in pairwise(LANE)]
     area = drawn(at, " ".join([*ways, *(a + b for b, a in SIDINGS.items())]))
-    parks = msgspec.structs.replace
+    replace = msgspec.structs.replace
     points = (
-        parks(point, kind=PointKind.PARKING) if point.name in SIDINGS else point
+        replace(point, kind=PointKind.PARKING) if point.name in SIDINGS else point
         for point in area.points
     )
-    return parks(area, points=tuple(points))
+    return replace(area, points=tuple(points))
 
 
 TICKS, NEVER = 1_200, -100
