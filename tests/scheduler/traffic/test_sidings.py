@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ledger.scene import Group, Kinematics, PointKind
-from tests.laws.test_fault_laws import acyclic
+from tests.laws.routes import acyclic
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.stuck import drawn
 
