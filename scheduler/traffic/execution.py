@@ -31,6 +31,7 @@ class Execution:
         self._admission, self._reserved = admission, reserved
         self.guard = Guard(roadmap, grants)
         self._last = 0
+        self._sent: set[RobotName] = set()  # by us, not by a scheduler before
         self._halted_for: dict[RobotName, RobotName] = {}  # until they are sent anew
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
         self.touched: set[RobotName] = set()  # there is something to tell them
@@ -42,12 +43,22 @@ class Execution:
         numbers = [slot.commit for slot in (*track.owned, *track.promised)]
         self._last = max([self._last, *numbers])
 
-    def displace(self, track: Track) -> None:
-        """Whoever was placed before this one was heard, where its old route ends or too near to
-        that, has to go elsewhere: two robots at one place do not see each other.
+    def fit_in(self, track: Track) -> None:
+        """Reconcile a route from before our start with what has been done before it was heard of.
+        If somebody has been sent over it since, it is driven no further than is granted: its low
+        numbers would go before theirs, on ground that they have already. Whoever only stands where
+        it ends, or too near to that, has to go elsewhere: two robots at one place do not see each
+        other.
         """
         if track.place is None or not track.pieces:
             return
+        wanted = {cell for slot in track.promised for cell in self._grants.excluded(slot.cell)}
+        for other in self.tracks.values():
+            if other is track or other.name not in self._sent:
+                continue
+            if any(slot.cell in wanted for slot in (*other.owned, *other.promised)):
+                self._admission.halt(track)
+                return
         excluded = self._roadmap.places.conflict[track.place] | 1 << track.place
         for other in self.tracks.values():
             if other is track or other.place is None or other.pieces or other.report is None:
@@ -57,11 +68,11 @@ class Execution:
                 self.touched.add(other.name)
                 self.freed = True
 
-    def taken(self, track: Track) -> int:
-        """Bits of the places of all others."""
+    def taken(self, track: Track, but: Set[RobotName] = frozenset()) -> int:
+        """Bits of the places of all others; not of these."""
         bits = 0
         for other in self.tracks.values():
-            if other.place is not None and other is not track:
+            if other.place is not None and other is not track and other.name not in but:
                 bits |= 1 << other.place
         return bits
 
@@ -111,12 +122,14 @@ class Execution:
                 self._halted_for.pop(track.name, None)
                 self._last += 1
                 self._admission.enter(track, entry, self._last)
+                self._sent.add(track.name)
                 self.touched.add(track.name)
 
     def _way_in(self, track: Track) -> Entry | None:
         """The nearest stop that is free, by a way that keeps clear of those who are promised the
         ground that it rests on, and of who waits for them; if there is none, they are halted for
-        it, but for whoever it was halted for itself: each would be halted for the other for ever.
+        it, and if need be whoever waits for them too, but never for one that it was halted for
+        itself: each would be halted for the other for ever.
         """
         ways = self._admission.entries[track.name]
         ways = [way for way in ways if not self._reserved.bars_entry(track, way)]
@@ -125,15 +138,16 @@ class Execution:
         for way in ways:
             if not way.need & taken and not (rivals and self._crosses(track, way, behind)):
                 return way
-        if not rivals or self._halted_for.get(track.name) in rivals:
-            return None
-        for name in rivals:
-            place = self.tracks[name].place
-            taken &= -1 if place is None else ~(1 << place)
-        for way in ways:
-            if not way.need & taken:
-                self._halt_for(track)
-                return way
+        for halted in (rivals, behind):
+            if self._halted_for.get(track.name) in halted:
+                return None
+            others = self.taken(track, halted)
+            for way in ways if halted else ():
+                if not way.need & others:
+                    places = {name: self.tracks[name].place for name in halted}
+                    ended = {n for n, k in places.items() if k is not None and way.need >> k & 1}
+                    self._halt_for(track, ended)
+                    return way
         return None
 
     def _counting_on(self, track: Track) -> set[RobotName]:
@@ -169,9 +183,9 @@ class Execution:
         owners, promised = self._grants.owners, self._grants.promised
         return any(n in others for cell in found for n in (*owners(cell), *promised(cell)))
 
-    def _halt_for(self, track: Track) -> None:
-        """Halt those who count on its leaving."""
-        for name in sorted(self._counting_on(track)):
+    def _halt_for(self, track: Track, others: Set[RobotName] = frozenset()) -> None:
+        """Halt those who count on its leaving, and these others."""
+        for name in sorted(self._counting_on(track) | others):
             self._admission.halt(self.tracks[name])
             self._halted_for[name] = track.name
             self.freed = True
@@ -261,6 +275,7 @@ class Execution:
             return  # the planner does not propose it; what is reserved must not hang on that
         track.place = place
         track.extend(build.pieces, build.slots, self._grants)
+        self._sent.add(track.name)
         track.heading_rad, track.state = build.heading_rad, (track.near, False)
         track.arrived_ms = None
         self.touched.add(track.name)

@@ -169,7 +169,7 @@ class Traffic(Answers):
             for _ in range(remembered if track.placed else 0):
                 self.grants.release(track.owned.popleft().cell, track.name)
             self._news(track)
-            self._execution.displace(track)
+            self._execution.fit_in(track)
         elif track.trouble in (OLD_ROUTE, LOAD_CHANGED):
             self._admission.wait_on_old_route(track, report, self._execution.taken(track))
             self._dirty = Due.ROBOTS
