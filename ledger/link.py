@@ -234,6 +234,7 @@ class Plan(Value, frozen=True, kw_only=True):
     ready: bool  # traffic knows where the robot is and may move it
     target: PointName | None = None
     untravelled: tuple[PathKey, ...] = ()  # paths still to be driven
+    commits: tuple[int, ...] = ()  # and for each the number of the move that it is driven for
     spaces: tuple[Space, ...] = ()  # cells it holds now
     blocked_by: tuple[RobotName, ...] = ()  # and EXTERNAL with its owner, DOOR with its name
     commit: int = 0  # number of its newest committed move, 0 = none

@@ -63,8 +63,8 @@ class TrafficLike(Roads, Protocol):
     def lost(self, robot: RobotName) -> None:
         """Keep all that it holds, and wait for it no longer."""
 
-    def remember(self, robot: RobotName, rings: Sequence[tuple[XY, ...]]) -> None:
-        """Keep this ground for a robot that has not been heard yet."""
+    def remember(self, plan: Plan) -> None:
+        """Keep ground and route of this plan for a robot that has not been heard yet."""
 
     def claim(
         self, id_: str, owner: str, rings: Sequence[tuple[XY, ...]], *, owned: bool = False

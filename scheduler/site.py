@@ -154,7 +154,7 @@ class Site:
             return
         report, plan = last
         self._expect(name, group, frozenset({report.area}))
-        self.traffic[report.area].remember(name, [space.points for space in plan.spaces])
+        self.traffic[report.area].remember(plan)
         if not wait and name not in self._lost:
             self._lose(name)
 

@@ -1,20 +1,18 @@
 """From a robot's first report to its place in the plan: adopted, placed, or kept as an obstacle."""
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 import shapely
 
 from ledger.ids import SceneId
-from ledger.link import Mark, Piece, Report
-from ledger.scene import XY
+from ledger.link import Mark, Piece, Plan, Report
 from scheduler.traffic.classes import corners
 from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_along, widened
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.placing import Entry, Locator, entries
 from scheduler.traffic.roadmap import Roadmap
-from scheduler.traffic.routes import Builder, adopted, end_of
+from scheduler.traffic.routes import Builder, adopted, end_of, expected
 from scheduler.traffic.track import ARRIVED_M, START, Slot, Track
 
 NEVER = 1 << 62  # a commit number behind all others
@@ -103,10 +101,18 @@ class Admission:
         if found:
             self.entries[track.name] = found
 
-    def stand(self, track: Track, rings: Iterable[tuple[XY, ...]]) -> None:
-        """Have a robot that has not been placed keep these polygons."""
-        for ring in rings:
-            self._take(track, self._shape(shapely.Polygon(ring)), None)
+    def stand(self, track: Track, last: Plan) -> None:
+        """Have a robot that has not been placed keep what it held by the last plan with it. Where
+        it was to go on is promised to it, so that nobody is sent over it, nor drives there before
+        it.
+        """
+        held = {space.points for space in last.spaces}
+        for space in last.spaces:
+            self._take(track, self._shape(shapely.Polygon(space.points)), None)
+        ways = list(zip(last.untravelled, last.commits, strict=False))
+        for cell, commit in expected(self.roadmap, track.footprint, ways, held):
+            track.promised.append(Slot(cell=cell, end=None, commit=commit))
+            self.grants.promise(cell, track.name, commit)
 
     def enter(self, track: Track, entry: Entry, commit: int) -> None:
         """Commit the way to a stop."""

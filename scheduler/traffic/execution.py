@@ -95,9 +95,8 @@ class Execution:
         """Grant ground in commit order, until nothing more comes free by it."""
         self.freed = False
         held = self.guard.held
-        waiting = [
-            t for t in self.tracks.values() if t.promised and not t.lost and t.name not in held
-        ]
+        known = [track for track in self.tracks.values() if track.placed and not track.lost]
+        waiting = [track for track in known if track.promised and track.name not in held]
         waiting.sort(key=lambda track: (track.promised[0].commit, track.name))
         again = True
         while again:

@@ -1,10 +1,12 @@
 """From compiled moves to the pieces that a robot drives and the cells that it needs for them."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import msgspec
 
+from ledger.ids import PathKey
 from ledger.link import Mark, Piece
+from ledger.scene import XY
 from scheduler.traffic.geometry import cut_front, turn_rad, wrap
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.track import ALONG_EPS, Slot
@@ -156,6 +158,30 @@ def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Sl
         return None
     slots.append(_rest(roadmap, footprint, point, route[-1]))
     return slots
+
+
+def expected(
+    roadmap: Roadmap,
+    footprint: int,
+    ways: Sequence[tuple[PathKey, int]],
+    held: Set[tuple[XY, ...]],
+) -> list[tuple[int, int]]:
+    """Cells of a route of which only paths and commit numbers are known, each with its number;
+    without those that the robot holds, by their corners, and what lies before these.
+    """
+    parts: dict[PathKey, list[int]] = {key: [] for key, _ in ways}
+    for k, path in enumerate(roadmap.net.paths):
+        if path.key in parts:
+            parts[path.key].append(k)
+    found: list[tuple[int, int]] = []
+    for key, commit in ways:
+        cells: list[int] = []
+        for k in parts[key]:
+            cells += [cell for cell, _ in roadmap.path_cells(footprint, k)]
+            cells.append(roadmap.rest(footprint, roadmap.net.end[k]))
+        own = [k for k, cell in enumerate(cells) if roadmap.ring(cell) in held]
+        found += [(cell, commit) for cell in cells[max(own, default=-1) + 1 :]]
+    return found
 
 
 def end_of(roadmap: Roadmap, piece: Piece) -> int | None:

@@ -49,13 +49,15 @@ class Shown:
             names += self._grants.blockers(slot.cell, track.name, slot.commit)
         for name in names:
             blockers.add(name if name in robots else f"{EXTERNAL}{name}")
+        ways = track.untravelled()
         return Plan(
             scene=self._scene,
             robot=track.name,
             at_ms=now_ms,
             ready=track.placed and track.trouble is None and not track.lost,
             target=None if goal is None else goal.point,
-            untravelled=track.untravelled(),
+            untravelled=tuple(path for path, _ in ways),
+            commits=tuple(commit for _, commit in ways),
             spaces=tuple(spaces),
             blocked_by=tuple(RobotName(name) for name in sorted(blockers)),
             commit=track.commit,

@@ -153,19 +153,21 @@ class Track(msgspec.Struct, kw_only=True):
         report = self.report
         return report is not None and abs(report.speed_mps) < 0.01 and abs(report.turn_radps) < 0.01
 
-    def untravelled(self) -> tuple[PathKey, ...]:
-        """Paths still to be driven, the one it is on included; parts of one count once."""
+    def untravelled(self) -> list[tuple[PathKey, int]]:
+        """Paths still to be driven, the one it is on included, and under which commit numbers;
+        parts of one count once.
+        """
+        left: list[tuple[PathKey, int]] = []
         if self.driven:
-            return ()
-        left: list[PathKey] = []
+            return left
         at = self.progress
         for piece, _ in self.pieces:
             path, number = piece.path, piece.number
-            if path is None or number < at.piece or (left and left[-1] == path):
+            if path is None or number < at.piece or (left and left[-1][0] == path):
                 continue
             if number > at.piece or at.along_m < piece.length_m - ARRIVED_M:
-                left.append(path)
-        return tuple(left)
+                left.append((path, piece.commit))
+        return left
 
     def extend(self, pieces: list[Piece], slots: list[Slot], grants: Grants) -> None:
         """Append a committed move: its pieces to the route, its cells as promises."""
@@ -253,6 +255,14 @@ class Track(msgspec.Struct, kw_only=True):
         self.promised.clear()
         self.pieces.clear()
         self.end = self.progress
+
+    def forget(self, owned: int, promised: int, grants: Grants) -> None:
+        """Give up the first so many of what it owns, and of what it is promised."""
+        for _ in range(owned):
+            grants.release(self.owned.popleft().cell, self.name)
+        for _ in range(promised):
+            slot = self.promised.popleft()
+            grants.withdraw(slot.cell, self.name, slot.commit)
 
     # -- messages
 

@@ -137,13 +137,14 @@ class Traffic(Answers):
             track.lost = True
             self._dirty = Due.LOST
 
-    def remember(self, robot: RobotName, rings: Sequence[tuple[XY, ...]]) -> None:
+    def remember(self, plan: Plan) -> None:
         """It has not been heard since our start: until it is, it keeps the ground that it held
-        when somebody last knew of it.
+        when somebody last knew of it, and is promised the rest of the route that it had.
         """
-        track = self._tracks.get(robot)
+        track = self._tracks.get(plan.robot)
         if track is not None and not track.placed and not track.owned:
-            self._admission.stand(track, rings)
+            self._admission.stand(track, plan)
+            self._execution.adopt_numbers(track)
             self._dirty = Due.ROBOTS
 
     def load(self, robot: RobotName, *, loaded: bool) -> None:
@@ -164,10 +165,10 @@ class Traffic(Answers):
             track.lost, self._dirty = False, Due.LOST
         track.report = report
         if not track.placed:
-            remembered = len(track.owned)
+            remembered = len(track.owned), len(track.promised)
             self._admission.receive(track, report, self._execution.taken(track))
-            for _ in range(remembered if track.placed else 0):
-                self.grants.release(track.owned.popleft().cell, track.name)
+            if track.placed:
+                track.forget(*remembered, self.grants)
             self._news(track)
             self._execution.fit_in(track)
         elif track.trouble in (OLD_ROUTE, LOAD_CHANGED):

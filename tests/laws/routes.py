@@ -23,12 +23,12 @@ def connected(traffic: Traffic) -> None:
 
 def acyclic(traffic: Traffic) -> None:
     """(5) Nobody waits in a ring. Who waits for ground waits for lower commit numbers only, but for
-    ground that somebody was found on.
+    ground that somebody was found on. One that was not heard yet waits for nobody.
     """
     tracks, grants = traffic._tracks, traffic.grants
     waits_for: dict[str, set[str]] = {}
     for name, track in tracks.items():
-        if not track.promised:
+        if not track.promised or not track.placed:
             continue
         wanted = track.promised[0]
         excluded = set(grants.excluded(wanted.cell))

@@ -118,7 +118,7 @@ class Yard:
         plans = self.traffic.plans(self.now_ms)
         self.traffic = self._traffic()
         for plan in plans:
-            self.traffic.remember(plan.robot, [space.points for space in plan.spaces])
+            self.traffic.remember(plan)
         for id_, (owner, ring) in sorted(self.claims.items()):
             self.traffic.claim(id_, owner, (ring,), owned=id_ in self.owned)
 

@@ -2,6 +2,7 @@
 who did not know where their routes go.
 """
 
+import msgspec
 import pytest
 
 from ledger.ids import PointName, RobotName
@@ -28,13 +29,16 @@ def mend(robot):
     robot.tells = True
 
 
-def restart_without(floor, name):
-    """A new scheduler knows of that robot only what ground it held."""
-    rings = {plan.robot: plan.spaces for plan in floor.traffic.plans(floor.now_ms)}
+def restart_without(floor, *names, route_known):
+    """A new scheduler knows of them what ground they held, and perhaps where they were to go."""
+    plans = [plan for plan in floor.traffic.plans(floor.now_ms) if plan.robot in names]
     floor.restart()
-    floor.traffic.remember(name, [space.points for space in rings[name]])
+    for plan in plans:
+        known = plan if route_known else msgspec.structs.replace(plan, untravelled=())
+        floor.traffic.remember(known)
     floor.run(3.0)
-    floor.traffic.lost(name)
+    for name in names:
+        floor.traffic.lost(name)
 
 
 def lawful(floor, seconds):
@@ -42,6 +46,31 @@ def lawful(floor, seconds):
         floor.run(1.0)
         connected(floor.traffic)
         acyclic(floor.traffic)
+
+
+def crowded(seed):
+    area = lattice(4, 3)
+    points = [point.name for point in area.points]
+    floor = Floor(area, (GROUP,), spread(area, points, 5), points, seed)
+    floor.run(10.0)
+    return floor
+
+
+def under_way(floor, *names):
+    """With ground before them that they may not drive on yet."""
+    for _ in range(600):
+        if all(floor.traffic._tracks[name].promised for name in names):
+            return
+        floor.tick()
+
+
+def all_get_on(floor):
+    done = dict(floor.done)
+    for _ in range(12):
+        lawful(floor, 10)
+        if all(floor.done[name] > done[name] for name in floor.robots):
+            return
+    raise AssertionError(floor.traffic.plans(floor.now_ms))
 
 
 def test_a_route_whose_end_was_given_to_another_is_not_driven_on():
@@ -55,7 +84,7 @@ def test_a_route_whose_end_was_given_to_another_is_not_driven_on():
         floor.tick()
     assert floor.traffic._tracks[CUT].promised
     cut(floor.robots[CUT])
-    restart_without(floor, CUT)
+    restart_without(floor, CUT, route_known=False)
     floor.run(20.0)
     assert floor.done[OTHER] == 1
     to(floor, OTHER, "P1-0")
@@ -69,22 +98,34 @@ def test_a_route_whose_end_was_given_to_another_is_not_driven_on():
     assert floor.done == {CUT: 1, OTHER: 3}
 
 
+@pytest.mark.parametrize("route_known", [False, True])
 @pytest.mark.parametrize("seed", range(12))
-def test_whoever_is_heard_of_late_brings_no_ring(seed):
-    area = lattice(4, 3)
-    points = [point.name for point in area.points]
-    floor = Floor(area, (GROUP,), spread(area, points, 5), points, seed)
-    floor.run(10.0)
+def test_whoever_is_heard_of_late_brings_no_ring(seed, route_known):
+    floor = crowded(seed)
     name = floor.chance.choice(sorted(floor.robots))
-    while not floor.traffic._tracks[name].promised:
-        floor.tick()
+    under_way(floor, name)
     cut(floor.robots[name])
-    restart_without(floor, name)
+    restart_without(floor, name, route_known=route_known)
     lawful(floor, floor.chance.randrange(1, 20))
     mend(floor.robots[name])
-    done = dict(floor.done)
-    for _ in range(12):
-        lawful(floor, 10)
-        if all(floor.done[other] > done[other] for other in floor.robots):
-            return
-    raise AssertionError(floor.traffic.plans(floor.now_ms))
+    if route_known:  # nobody was sent over it, so it is driven on as it was
+        floor.tick()
+        floor.tick()
+        assert floor.traffic._tracks[name].trouble is None
+    all_get_on(floor)
+
+
+@pytest.mark.parametrize("seed", [1, 35])
+def test_nor_do_two_of_them_who_come_back_one_after_the_other(seed):
+    floor = crowded(seed)
+    for _ in range(3):
+        names = floor.chance.sample(sorted(floor.robots), 2)
+        under_way(floor, *names)
+        for name in names:
+            cut(floor.robots[name])
+        restart_without(floor, *names, route_known=True)
+        lawful(floor, floor.chance.randrange(1, 20))
+        for name in names:
+            mend(floor.robots[name])
+            lawful(floor, floor.chance.randrange(1, 6))
+        all_get_on(floor)
