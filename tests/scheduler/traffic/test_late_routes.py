@@ -115,7 +115,7 @@ def test_whoever_is_heard_of_late_brings_no_ring(seed, route_known):
     all_get_on(floor)
 
 
-@pytest.mark.parametrize("seed", [1, 35])
+@pytest.mark.parametrize("seed", [3, 5, 11])
 def test_nor_do_two_of_them_who_come_back_one_after_the_other(seed):
     floor = crowded(seed)
     for _ in range(3):
