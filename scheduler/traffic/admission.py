@@ -109,8 +109,8 @@ class Admission:
         held = {space.points for space in last.spaces}
         for space in last.spaces:
             self._take(track, self._shape(shapely.Polygon(space.points)), None)
-        ways = list(zip(last.untravelled, last.commits, strict=False))
-        for cell, commit in expected(self.roadmap, track.footprint, ways, held):
+        track.before = tuple(zip(last.untravelled, last.commits, strict=False))
+        for cell, commit in expected(self.roadmap, track.footprint, track.before, held):
             track.promised.append(Slot(cell=cell, end=None, commit=commit))
             self.grants.promise(cell, track.name, commit)
 

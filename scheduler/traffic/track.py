@@ -44,6 +44,7 @@ class Track(msgspec.Struct, kw_only=True):
     limits: Kinematics
     costs: Costs
     placed: bool = False  # its ground is claimed; without a place it is an obstacle
+    before: tuple[tuple[PathKey, int], ...] = ()  # until then: left to be driven when last heard of
     trouble: str | None = "RobotNotHeard"  # why it cannot be moved
     place: int | None = None  # where its committed moves end
     heading_rad: float = 0.0  # there
@@ -157,6 +158,8 @@ class Track(msgspec.Struct, kw_only=True):
         """Paths still to be driven, the one it is on included, and under which commit numbers;
         parts of one count once.
         """
+        if not self.placed:
+            return [*self.before]
         left: list[tuple[PathKey, int]] = []
         if self.driven:
             return left

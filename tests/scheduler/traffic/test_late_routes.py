@@ -41,6 +41,10 @@ def restart_without(floor, *names, route_known):
         floor.traffic.lost(name)
 
 
+def plan_of(floor, name):
+    return next(plan for plan in floor.traffic.plans(floor.now_ms) if plan.robot == name)
+
+
 def lawful(floor, seconds):
     for _ in range(round(seconds)):
         floor.run(1.0)
@@ -112,6 +116,23 @@ def test_whoever_is_heard_of_late_brings_no_ring(seed, route_known):
         floor.tick()
         floor.tick()
         assert floor.traffic._tracks[name].trouble is None
+    all_get_on(floor)
+
+
+def test_nor_if_the_scheduler_starts_twice_meanwhile():
+    floor = crowded(0)
+    name = RobotName("R03")
+    under_way(floor, name)
+    cut(floor.robots[name])
+    left = plan_of(floor, name).untravelled
+    assert left
+    for _ in range(2):
+        restart_without(floor, name, route_known=True)
+        assert plan_of(floor, name).untravelled == left
+    promised = len(floor.traffic._tracks[name].promised)
+    lawful(floor, 20)
+    assert len(floor.traffic._tracks[name].promised) == promised > 0, "nobody drops it meanwhile"
+    mend(floor.robots[name])
     all_get_on(floor)
 
 
