@@ -60,12 +60,16 @@ def crowded(seed):
     return floor
 
 
-def under_way(floor, *names):
-    """With ground before them that they may not drive on yet."""
+def tick_until(floor, holds):
     for _ in range(600):
-        if all(floor.traffic._tracks[name].promised for name in names):
+        if holds():
             return
         floor.tick()
+
+
+def under_way(floor, *names):
+    """With ground before them, if possible, that they may not drive on yet."""
+    tick_until(floor, lambda: all(floor.traffic._tracks[name].promised for name in names))
 
 
 def all_get_on(floor):
@@ -84,8 +88,7 @@ def test_a_route_whose_end_was_given_to_another_is_not_driven_on():
     floor.run(1.0)
     to(floor, OTHER, "P0-0")
     to(floor, CUT, "P1-0")
-    while floor.traffic._tracks[CUT].commit == 0:
-        floor.tick()
+    under_way(floor, CUT)
     assert floor.traffic._tracks[CUT].promised
     cut(floor.robots[CUT])
     restart_without(floor, CUT, route_known=False)
@@ -93,8 +96,8 @@ def test_a_route_whose_end_was_given_to_another_is_not_driven_on():
     assert floor.done[OTHER] == 1
     to(floor, OTHER, "P1-0")
     there = floor.traffic.roadmap.place[PointName("P1-0")]
-    while floor.traffic._tracks[OTHER].place != there:
-        floor.tick()
+    tick_until(floor, lambda: floor.traffic._tracks[OTHER].place == there)
+    assert floor.traffic._tracks[OTHER].place == there
     mend(floor.robots[CUT])
     lawful(floor, 15)
     to(floor, OTHER, "P2-0")
