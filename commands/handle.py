@@ -28,7 +28,7 @@ class Appends(Protocol):
     """What of a ledger is needed here."""
 
     def append(self, events: Sequence[AnyEvent], expected: int) -> int:
-        """Put stamped events behind position `expected`; raises Conflict or Unknown."""
+        """Put stamped events behind position `expected`; raises LedgerError, also without any."""
 
 
 class Reply(Value, frozen=True, kw_only=True):
@@ -79,9 +79,14 @@ class Handler:
             return msgspec.structs.replace(decision, events=events, position=self.fleet.position)
 
     def consider(self, command: AnyCommand) -> Decision:
-        """Decide as `handle` would just now, and do nothing; raises Rejected."""
+        """Decide as `handle` would just now, and do nothing; raises Rejected or LedgerError.
+
+        For what has to be kept elsewhere before the ledger tells of it.
+        """
         with self._lock:
-            return decide(self.fleet, self._not_before_the_newest(command))
+            decision = decide(self.fleet, self._not_before_the_newest(command))
+            self._ledger.append((), self.fleet.position)
+            return decision
 
     def handle_once(
         self,

@@ -52,7 +52,7 @@ class DiskGuard:
 
     def append(self, events: Sequence[AnyEvent], expected: int) -> int:
         """Append as the ledger does; raises DiskFull, and then nothing was appended."""
-        if self.low and events:
+        if self.low:
             raise DiskFull(self._words())
         return self._ledger.append(events, expected)
 

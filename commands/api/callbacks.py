@@ -28,7 +28,6 @@ from commands.callbacks import (
     URL_CHARS_MAX,
     URLS_MAX,
     ConfigureCallbacks,
-    configure,
 )
 from commands.command import Decision, known_scene
 from commands.handle import Handler
@@ -159,8 +158,7 @@ class CallbackCalls:
 
         What happens after this change is told by it; what happened before, as it was settled then.
         """
-        fleet = self._answering.handler.fleet
-        scene = known_scene(fleet, scene_id(request))
+        scene = known_scene(self._answering.handler.fleet, scene_id(request))
         asked = self._answering.asked(request)
         config = body.over(scene.callbacks)
         command = ConfigureCallbacks(
@@ -169,14 +167,13 @@ class CallbackCalls:
         made: list[str] = []
 
         def words(_: Decision) -> bytes:
-            """Keep the secret first: with a key this comes before the events are appended, and
-            not at all where the answer is a repeated one."""
+            """With a key the secret is kept here: before the events are appended, and not at all
+            where the answer is a repeated one."""
             if not made:
                 self._keep(command, body.secret, made)
             return msgspec.json.encode(self._wire(scene.id, config))  # kept: without the secret
 
         if KEY_HEADER not in request.headers:
-            configure(fleet, command)  # what is refused leaves the secret alone too
             self._keep(command, body.secret, made)
         answer = await self._answering.answer(request, command, words)
         if answer.status_code != 200 or not any(made):
@@ -185,7 +182,11 @@ class CallbackCalls:
         return json_response(shown, int(answer.headers[POSITION_HEADER]))
 
     def _keep(self, command: ConfigureCallbacks, given: str | None, made: list[str]) -> None:
-        """Keep what was given, or make one where callbacks begin without; note what is made."""
+        """Keep what was given, or make one where callbacks begin without; note what is made.
+
+        It comes before the events, but what would be refused leaves it alone.
+        """
+        self._answering.handler.consider(command)
         name = secret_name(command.scene)
         fresh = ""
         if given is not None:

@@ -6,11 +6,15 @@
 import os
 import resource
 import subprocess
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 import pytest
 
+from fleetledger.disk_guard import free_bytes
+
+FILLS_MAX = 100
 ALONE = ("unshare", "--mount", "--map-root-user")
 
 
@@ -57,14 +61,16 @@ def limit_files(process: int, size: int | None) -> None:
 
 
 def fill(folder: Path, leave_bytes: int) -> Path:
-    """Take all space of a folder's disk but so much; gives the file to remove."""
-    disk = os.statvfs(folder)
-    size = disk.f_bavail * disk.f_frsize - leave_bytes
+    """Take all space of a folder's disk but so much; gives the file to remove.
+
+    Others may write there meanwhile.
+    """
     path = folder / "filler"
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT, 0o600)
-    try:
-        start = os.fstat(fd).st_size
-        os.posix_fallocate(fd, start, size)
-    finally:
-        os.close(fd)
-    return path
+    with path.open("ab") as file:
+        for _ in range(FILLS_MAX):
+            size = free_bytes(folder) - leave_bytes
+            if size <= 0:
+                return path
+            with suppress(OSError):  # somebody else has just taken of it
+                os.posix_fallocate(file.fileno(), os.fstat(file.fileno()).st_size, size)
+    raise AssertionError(f"{folder} does not get full")

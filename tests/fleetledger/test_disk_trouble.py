@@ -40,7 +40,11 @@ OPEN = ("--auth", "none")
 CREATE = "/api/fleet/orders/create"
 BINS = bins_of(small_file())
 MB = 1_000_000
-FILLS_MAX = 20
+SIGNED: dict[str, Any] = {
+    "enableOrderCallback": True,
+    "callbackUrlList": ["http://127.0.0.1:9/"],
+    "secret": "s" * 40,
+}
 
 
 def refused(command_line: list[str]) -> str:
@@ -224,6 +228,22 @@ def _queries_go_on(server: Server, scene: str, acknowledged: set[str]) -> None:
     assert len(server.get("/api/fleet/robots/all-all", sceneId=scene)) == 3
 
 
+def test_a_secret_that_cannot_be_written_is_not_in_force(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    with serving(data, *OPEN, "--scene", str(small_scene(tmp_path))) as server:
+        callbacks = f"/api/fleet/scenes/{server.scene}/callbacks"
+        in_the_way = data / "secrets.json.lock"
+        in_the_way.mkdir()
+        answer = server.client.post(callbacks, json=SIGNED)
+        assert (answer.status_code, answer.json()["code"]) == (503, "errNotWritten")
+        assert "secrets.json cannot be written: Is a directory" in answer.text
+        found = server.get(callbacks)
+        assert (found["enableOrderCallback"], "secret" in found) == (False, False)
+        in_the_way.rmdir()
+        assert server.post(callbacks, SIGNED)["enableOrderCallback"]
+        assert server.stop() == 0
+
+
 @pytest.fixture
 def cramped(tmp_path: Path) -> Iterator[tuple[Server, Path]]:
     """A server on a disk of 150 MB, of which 40 MB are to stay free, and the disk as seen here."""
@@ -253,15 +273,11 @@ def test_a_full_disk_holds_commands_up_until_there_is_room(cramped: tuple[Server
     assert (answer.status_code, answer.json()["code"]) == (503, "errDiskFull"), answer.text
     assert "40 MB must stay free" in answer.text and "by itself" in answer.text
     assert answer.headers["Retry-After"]
-    secret: dict[str, Any] = {"enableOrderCallback": True, "secret": "s" * 40,
-                              "callbackUrlList": ["http://127.0.0.1:9/"]}  # fmt: skip
-    for _ in range(FILLS_MAX):
-        fill(disk, 0)  # to the last byte
-        answer = server.client.post(f"/api/fleet/scenes/{scene}/callbacks", json=secret)
-        if answer.json()["code"] != "errDiskFull":  # else some temporary file had just gone
-            break
-    assert (answer.status_code, answer.json()["code"]) == (503, "errNotWritten"), answer.text
-    assert "No space left on device. Free space" in answer.text
+    fill(disk, 0)  # to the last byte
+    callbacks = f"/api/fleet/scenes/{scene}/callbacks"
+    answer = server.client.post(callbacks, json=SIGNED)
+    assert (answer.status_code, answer.json()["code"]) == (503, "errDiskFull"), answer.text
+    assert "secret" not in server.get(callbacks), "what is refused leaves it alone"
     assert set(orders) <= server.found().keys()
     assert server.get("/api/fleet/robots/all-all", sceneId=scene)
     filler.unlink()

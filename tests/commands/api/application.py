@@ -15,6 +15,7 @@ import commands.api.scenes
 from commands.api.m4_resources import Watch
 from commands.handle import Handler
 from fleetledger.http import ThinRoute, install_errors
+from ledger.errors import DiskFull
 from ledger.events import AnyEvent, stamped
 from ledger.evolve import fold
 from ledger.ids import CommandId, RobotName, SceneId, UnitId
@@ -65,6 +66,14 @@ class Site:
         self.app.include_router(
             commands.api.scenes.router(self.handler, self.durable, ThinRoute, self.fleet_then)
         )
+
+    def fill_disk(self) -> None:
+        """Let the ledger take nothing more."""
+
+        def full(events: Sequence[AnyEvent], expected: int) -> int:
+            raise DiskFull("64 MB must stay free")
+
+        self.ledger.append = full  # type: ignore[method-assign]
 
     async def fleet_then(self, at_ms: int) -> Fleet:
         return fold(Fleet(), [e for e in self.ledger.read(0) if e.at_ms <= at_ms])

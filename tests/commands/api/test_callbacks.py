@@ -171,6 +171,17 @@ async def test_what_is_refused_changes_nothing(body: Any, word: str, key: dict[s
     assert there.handler.fleet.scenes[SCENE].callbacks == CallbackConfig()
 
 
+@pytest.mark.parametrize("key", [{}, {"Idempotency-Key": "k"}])
+@pytest.mark.parametrize("body", [ENABLE, ENABLE | {"secret": THEIRS}, {"secret": THEIRS}])
+async def test_a_full_disk_leaves_the_secret_as_it_was(body: Any, key: dict[str, str]) -> None:
+    there, kept = opened()
+    there.fill_disk()
+    answer = await there.post(PATH, body, headers=key)
+    assert (answer.status_code, answer.json()["code"]) == (503, "errDiskFull")
+    assert kept.secrets == {}
+    assert there.handler.fleet.scenes[SCENE].callbacks == CallbackConfig()
+
+
 async def test_a_scene_that_is_not_there_has_no_settings() -> None:
     there, kept = opened()
     for path in ("/api/fleet/scenes/no/callbacks", "/api/fleet/scenes/%20/callbacks"):

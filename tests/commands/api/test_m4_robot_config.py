@@ -139,6 +139,17 @@ async def test_a_refused_command_keeps_no_secret() -> None:
     assert there.secrets == {}
 
 
+@pytest.mark.parametrize("key", [{}, {"Idempotency-Key": "k"}])
+async def test_a_full_disk_leaves_the_secrets_as_they_were(key: dict[str, str]) -> None:
+    there = site(*opened(R1))
+    there.fill_disk()
+    body = {**GATEWAY, "gwAuthSecret": SECRET}
+    for call, name in (("create", "A"), ("update/config", R1)):
+        answer = await there.post(f"{OF_SCENE}/{call}", body | {"robotName": name}, headers=key)
+        assert (answer.status_code, answer.json()["code"]) == (503, "errDiskFull")
+    assert there.secrets == {}
+
+
 async def test_a_repeated_key_does_not_bring_an_old_secret_back() -> None:
     there = site(*opened(R1))
     body = {"robotName": R1, **GATEWAY, "gwAuthSecret": "old"}
