@@ -28,7 +28,7 @@ from sim.faults import MIXES, FaultMix
 from sim.robot import SimRobot, place
 from sim.warehouses import for_robots
 from tests.laws.yard import near_others
-from tests.stands import STALL_MS, Stands
+from tests.stands import STALL_MS, Stands, bound_ms
 from tests.surroundings import Surroundings
 
 Pose: TypeAlias = tuple[float, float, float]
@@ -131,6 +131,7 @@ class Piece:
         }
         causes |= {r.name for r in self.shift.fleet.robots.values() if not r.online}
         moved_ms = {name: self._moved_ms.get(name, now_ms) for name in robots}
+        moved_ms = bound_ms(moved_ms, self.shift.fleet.orders.values())
         standing = [n for n, p in plans.items() if n in robots and (p.target or p.moving)]
         self.still_ms = max([self.still_ms, *(now_ms - moved_ms[name] for name in standing)])
         self.stands.look(standing, moved_ms, plans, causes, now_ms)

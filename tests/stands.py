@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 from ledger.ids import RobotName
 from ledger.link import Plan
+from ledger.state import Order
 from ledger.waits import WaitReason
 
 STALL_MS = 120_000  # nobody may stand for longer without a named cause
@@ -29,6 +30,19 @@ def explained(plans: Mapping[RobotName, Plan], causes: Collection[RobotName]) ->
         more = not found <= named
         named |= found
     return named
+
+
+def bound_ms(moved_ms: Mapping[RobotName, int], orders: Iterable[Order]) -> dict[RobotName, int]:
+    """Since when each has stood with somewhere to go: since it moved, or was given its oldest order
+    if that came later.
+    """
+    given_ms: dict[RobotName, int] = {}
+    for order in orders:
+        if order.robot is not None and order.assigned_ms is not None:
+            given_ms[order.robot] = min(
+                order.assigned_ms, given_ms.get(order.robot, order.assigned_ms)
+            )
+    return {name: max(at_ms, given_ms.get(name, 0)) for name, at_ms in moved_ms.items()}
 
 
 class Stands:

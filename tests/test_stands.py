@@ -1,8 +1,10 @@
-from ledger.ids import RobotName, SceneId
+from ledger.ids import OrderId, RobotName, SceneId
 from ledger.link import Plan
+from ledger.state import Order
 from ledger.waits import Wait, WaitReason
-from tests.stands import MOVING_MS, SHORT_MS, Stands, explained
+from tests.stands import MOVING_MS, SHORT_MS, Stands, bound_ms, explained
 
+SCENE = SceneId("s")
 A, B, C = (RobotName(name) for name in "ABC")
 
 
@@ -10,7 +12,7 @@ def plan(name, reason=None, *blockers):
     wait = None
     if reason is not None:
         wait = Wait(robot=name, since_ms=0, reason=reason, blockers=blockers, place=None)
-    return Plan(scene=SceneId("s"), robot=name, at_ms=0, ready=True, wait=wait)
+    return Plan(scene=SCENE, robot=name, at_ms=0, ready=True, wait=wait)
 
 
 def plans(*given):
@@ -42,6 +44,17 @@ def test_a_cause_counts_for_who_has_nowhere_to_go_while_it_lasts():
     stands.look([], moved_ms, {}, {A}, 200_000)
     stands.look([A], moved_ms, plans(plan(A)), (), 210_000)
     assert stands.unnamed_ms == 10_000
+
+
+def test_who_gets_an_order_after_a_rest_has_stood_since_then_only():
+    def order(robot, assigned_ms):
+        made = {"created_ms": 0, "created_by": "", "modified_ms": 0, "modified_by": ""}
+        number = OrderId(f"{robot}{assigned_ms}")
+        return Order(id=number, scene=SCENE, robot=robot, assigned_ms=assigned_ms, **made)
+
+    moved_ms = {A: 0, B: 0, C: 90_000}
+    orders = [order(A, 130_000), order(A, 140_000), order(C, 60_000), order(None, None)]
+    assert bound_ms(moved_ms, orders) == {A: 130_000, B: 0, C: 90_000}
 
 
 def test_who_moves_stands_not_and_is_a_cause_for_those_behind():
