@@ -25,7 +25,7 @@ LATTICE = (4, 10, 20, 40)
 LATTICE_H = 8.0
 BAYS = 4  # of one aisle between two cross lanes, as `for_robots` draws them
 GRANTS_EVERY = 150  # steps: 30 s
-ENDED_MAX = 60  # characters
+ENDED_MAX = 200  # characters
 FLEETS = {100: 30.0, 300: 15.0, 1000: 5.0}  # robots: minutes of the full run
 WARM_UP_S = 120.0  # all robots begin side by side, parked
 SWITCHED = 100  # robots for which features are switched off …
@@ -65,7 +65,7 @@ def measured(yard: Yard, hours: float, warm_up_s: float = 0.0) -> Row:
         before, begun_ms, begun_s = sum(yard.done.values()), yard.now_ms, yard.planning_s
         yard.run(hours * 3600, grants_every=GRANTS_EVERY)
     except AssertionError as wrong:
-        ended = f"overlap {wrong}"[:ENDED_MAX]
+        ended = f"stopped: {wrong}"[:ENDED_MAX]
         before, begun_ms, begun_s = 0, yard.now_ms - STEP_MS, 0.0
     passed_s = (yard.now_ms - begun_ms) / 1000
     return {

@@ -291,10 +291,12 @@ class Yard:
             if shape.intersection(ground).area > 1e-6
         }
         self.strays = {n for n in self.strays if self._in_hand(n) or n in dict(on)}
-        assert {(name, owner) for name, owner in on if name not in self.strays} == set()
+        wrong = {(name, owner) for name, owner in on if name not in self.strays}
+        assert not wrong, f"on reserved ground at {self.now_ms - 1_000_000} ms: {wrong}"
         for id_ in self.strangers.keys() & self.owned:
             shape = shapely.Polygon(self.strangers[id_].corners())
-            assert not any(shape.intersects(b) for n, b in bodies.items() if n not in self.strays)
+            met = [n for n, b in bodies.items() if n not in self.strays and shape.intersects(b)]
+            assert not met, f"with the foreign vehicle {id_} at {self.now_ms - 1_000_000} ms: {met}"
 
     def _near(self, grounds: Collection[shapely.Polygon]) -> list[RobotName]:
         """Robots whose discs reach into the boxes round these."""
@@ -313,7 +315,8 @@ class Yard:
         """Exclusive and contained, by polygons (design notes §8, 1 and 2)."""
         plans = self.traffic.plans(self.now_ms)
         granted = [plan for plan in plans if not self._in_hand(plan.robot)]
-        assert double_grants(granted) == []
+        twice = double_grants(granted)
+        assert not twice, f"granted twice at {self.now_ms - 1_000_000} ms: {twice}"
         for plan in plans:
             if plan.spaces and not self._in_hand(plan.robot):
                 shape = self.bodies([plan.robot])[plan.robot]
