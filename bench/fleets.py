@@ -15,10 +15,9 @@ from bench.features import BASE, VARIANTS, switched
 from bench.tables import show
 from sim.faults import LATE, STANDARD, FaultMix
 from sim.warehouses import for_robots
-from tests.laws.yard import STEP_MS, Yard
+from tests.laws.yard import Yard
 from tests.scheduler.traffic.maps import lattice
-from tests.soak_traffic import STEP_MS as PASS_MS
-from tests.soak_traffic import Piece
+from tests.soak_traffic import STEP_MS, Piece
 from tests.stands import STALL_MS
 
 LATTICE = (4, 10, 20, 40)
@@ -58,15 +57,15 @@ def warehouse(robots: int, mix: FaultMix, seed: int = 1) -> Yard:
 
 
 def measured(yard: Yard, hours: float, warm_up_s: float = 0.0) -> Row:
-    """Run for so long, and give what came of it; an overlap ends the run, and the row says so."""
+    """Run for so long, and give what came of it until the judge stopped it, which the row says."""
     ended = ""
+    before, begun_ms, begun_s = 0, yard.now_ms, yard.planning_s
     try:
         yard.run(warm_up_s, grants_every=GRANTS_EVERY)
         before, begun_ms, begun_s = sum(yard.done.values()), yard.now_ms, yard.planning_s
         yard.run(hours * 3600, grants_every=GRANTS_EVERY)
     except AssertionError as wrong:
         ended = f"stopped: {wrong}"[:ENDED_MAX]
-        before, begun_ms, begun_s = 0, yard.now_ms - STEP_MS, 0.0
     passed_s = (yard.now_ms - begun_ms) / 1000
     return {
         "robots": float(len(yard.robots)),
@@ -150,7 +149,7 @@ def site(robots: int, minutes: float) -> Row:
     made.run(minutes * 60)
     share = spent_s / minutes / 60
     return {
-        "instance": f"site, a pass each {PASS_MS} ms",
+        "instance": f"site, a pass each {STEP_MS} ms",
         "robots": float(robots),
         "ours": share,
         "at_least": CORE_SHARE_MAX if robots <= 300 else inf,
