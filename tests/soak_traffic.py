@@ -12,6 +12,7 @@ import random
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeAlias
 
@@ -23,9 +24,10 @@ from fleetledger.shift import Shift
 from ledger.ids import RobotName, robot_key
 from ledger.link import Plan
 from ledger.state import OrderKind, StepTask
-from scheduler.traffic.judge import body, collisions
+from scheduler.traffic.judge import body, collisions, double_grants
 from sim.faults import MIXES, FaultMix
 from sim.robot import SimRobot, place
+from sim.troubles import HAND, JUMP
 from sim.warehouses import for_robots
 from tests.laws.yard import near_others
 from tests.stands import STALL_MS, Stands, bound_ms
@@ -54,7 +56,8 @@ class Piece:
         self._footprint = file.groups[0].footprint
         self._moved_ms: dict[RobotName, int] = {}
         self._poses: dict[RobotName, Pose] = {}
-        self._by_people: set[RobotName] = set()  # they may leave it on ground of others
+        self._by_people: set[RobotName] = set()  # they may leave it on reserved ground …
+        self._amid: set[RobotName] = set()  # … and on ground that another robot was granted
         self._look_ms = 0
         self.stands = Stands()
         self.still_ms = 0  # longest that somebody stood for whatever cause
@@ -94,8 +97,9 @@ class Piece:
     ) -> None:
         bodies = {n: body(self._footprint, *poses[n]) for n in near_others(robots)}
         assert collisions(bodies) == [], f"overlap at {self.shift.now_ms} ms"
-        troubles = self.shift.world.troubles
-        self._by_people |= {n for n, r in robots.items() if self._struck(n, troubles, "hand jump")}
+        in_hand = self._in_hand(robots)
+        self._by_people |= in_hand
+        self._amid |= in_hand
         claims = [claim.unit for claim in self.shift.fleet.claims.values() if claim.granted]
         zones = [shapely.Polygon(zone) for unit in claims for zone in unit.zones]
         zones += [shapely.Polygon(stranger.corners()) for stranger in self.around.crossing]
@@ -111,11 +115,12 @@ class Piece:
             if is_near and body(self._footprint, *poses[name]).intersection(ground).area > 1e-6
         }
         assert on <= self._by_people, (on, [unit.id for unit in claims], self.shift.now_ms)
-        self._by_people &= on | {n for n in robots if self._struck(n, troubles, "hand jump")}
+        self._by_people &= on | in_hand
 
-    def _struck(self, name: RobotName, troubles: dict[str, str], kinds: str) -> bool:
-        trouble = troubles.get(robot_key(self.shift.scene, name))
-        return trouble is not None and trouble in kinds
+    def _in_hand(self, names: Iterable[RobotName]) -> set[RobotName]:
+        """Which of these people push or drive just now."""
+        troubles, scene = self.shift.world.troubles, self.shift.scene
+        return {name for name in names if troubles.get(robot_key(scene, name)) in (JUMP, HAND)}
 
     def _nobody_stalls(self, robots: dict[RobotName, SimRobot]) -> None:
         site = self.shift.role.scheduler._sites.get(self.shift.scene)
@@ -134,8 +139,16 @@ class Piece:
         moved_ms = bound_ms(moved_ms, self.shift.fleet.orders.values())
         standing = [n for n, p in plans.items() if n in robots and (p.target or p.moving)]
         self.still_ms = max([self.still_ms, *(now_ms - moved_ms[name] for name in standing)])
+        self._grants_hold(plans)
         self.stands.look(standing, moved_ms, plans, causes, now_ms)
         assert self.stands.unnamed_ms < STALL_MS, self.stands.unnamed
+
+    def _grants_hold(self, plans: dict[RobotName, Plan]) -> None:
+        """No ground is granted twice (design notes §8, 1), but where people put a robot."""
+        twice = double_grants(plans.values())
+        wrong = [pair for pair in twice if self._amid.isdisjoint(pair)]
+        assert not wrong, f"granted twice at {self.shift.now_ms} ms: {wrong}"
+        self._amid &= self._in_hand(plans) | {name for pair in twice for name in pair}
 
 
 def piece(robots: int, minutes: float, seed: int, mix: str) -> dict[str, float]:

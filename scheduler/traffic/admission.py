@@ -1,6 +1,7 @@
 """From a robot's first report to its place in the plan: adopted, placed, or kept as an obstacle."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -23,6 +24,7 @@ NOT_AT_STOP = "RobotNotAtStop"
 ROUTE_UNKNOWN = "RobotRouteUnknown"
 OLD_ROUTE = "RobotOnOldRoute"
 LOAD_CHANGED = "RobotLoadChanged"  # on its way; what was granted to it empty is all it gets
+HALTED = OLD_ROUTE, LOAD_CHANGED  # driving no further than is granted, to be placed anew there
 
 
 class Admission:
@@ -42,15 +44,22 @@ class Admission:
 
     def receive(self, track: Track, report: Report, taken: int) -> None:
         """Place a robot that has no place yet. `taken`: bits of the places of all others."""
-        if self._own(track, report):
-            if report.route is None:
-                track.asking, track.trouble = True, ROUTE_UNKNOWN
-                return
-            route = _outstanding(report)
-            if route:
-                self._adopt(track, report, route)
-                return
-        self.put(track, report, taken, keep_session=self._own(track, report))
+        own = self._own(track, report)
+        if own and report.route is None:
+            track.asking, track.trouble = True, ROUTE_UNKNOWN
+            return
+        route = _outstanding(report) if own else []
+        if route and _was_halted(track, route):
+            self._begin(track, report, keep_session=True)
+            track.placed, track.asking, track.trouble = True, False, OLD_ROUTE
+            track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
+            return
+        remembered = len(track.owned), len(track.promised)
+        if route:
+            self._adopt(track, report, route)
+        else:
+            self.put(track, report, taken, keep_session=own)
+        track.forget(*remembered, self.grants)
 
     def wait_on_old_route(self, track: Track, report: Report, taken: int) -> None:
         """A route of another map version, or of another load, is driven to its authority; then the
@@ -74,7 +83,8 @@ class Admission:
     def put_anew(self, track: Track, report: Report, taken: int) -> None:
         """Place it where it stands now, whatever it had."""
         track.let_go(self.grants)
-        self.put(track, report, taken, keep_session=self._own(track, report))
+        # In a session that it was to leave it has pieces still that are not to be driven.
+        self.put(track, report, taken, keep_session=report.session == track.session)
 
     def put(self, track: Track, report: Report, taken: int, keep_session: bool) -> None:
         """Claim the ground under a robot that has no route, and find its place or way to one."""
@@ -109,8 +119,8 @@ class Admission:
         held = {space.points for space in last.spaces}
         for space in last.spaces:
             self._take(track, self._shape(shapely.Polygon(space.points)), None)
-        track.before = tuple(zip(last.untravelled, last.commits, strict=False))
-        for cell, commit in expected(self.roadmap, track.footprint, track.before, held):
+        track.last, track.commit = last, last.commit
+        for cell, commit in expected(self.roadmap, track.footprint, track.untravelled(), held):
             track.promised.append(Slot(cell=cell, end=None, commit=commit))
             self.grants.promise(cell, track.name, commit)
 
@@ -303,6 +313,17 @@ def _is_granted(slot: Slot, authority: Mark) -> bool:
     if slot.end is None or slot.end == authority:
         return slot.end is not None and not slot.resting
     return slot.end < authority
+
+
+def _was_halted(track: Track, route: Sequence[Piece]) -> bool:
+    """Had the scheduler before us taken back what is left of this route, others have perhaps been
+    sent over it since: it knew of the route's last commit, and does not name it in its last plan.
+    The same holds while that commit has nothing but a turn left, if it does not move: no harm.
+    """
+    last, newest = track.last, route[-1].commit
+    if last is None or not track.owned or newest > last.commit or newest in last.commits:
+        return False
+    return newest < last.commit or not (last.moving and last.ready)
 
 
 def _outstanding(report: Report) -> list[Piece]:

@@ -4,10 +4,12 @@ Planners only propose an order of moves. A move is committed when no other robot
 end where it needs room, and from then on its ground is granted cell by cell, in commit order.
 """
 
+import math
 from collections.abc import Iterable, Set
 
 from ledger.ids import RobotName
-from scheduler.traffic.admission import Admission
+from ledger.scene import XY
+from scheduler.traffic.admission import MOVED_M, Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Guard
@@ -32,7 +34,7 @@ class Execution:
         self.guard = Guard(roadmap, grants)
         self._last = 0
         self._sent: set[RobotName] = set()  # by us, not by a scheduler before
-        self._halted_for: dict[RobotName, RobotName] = {}  # until they are sent anew
+        self._halted_for: dict[RobotName, tuple[XY, set[RobotName]]] = {}  # while they stand there
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
         self.touched: set[RobotName] = set()  # there is something to tell them
         self.freed = False  # ground, since the last `acquire`
@@ -41,7 +43,7 @@ class Execution:
     def adopt_numbers(self, track: Track) -> None:
         """Go on behind the numbers that a robot has brought along from before our start."""
         numbers = [slot.commit for slot in (*track.owned, *track.promised)]
-        self._last = max([self._last, *numbers])
+        self._last = max([self._last, track.commit, *numbers])
 
     def fit_in(self, track: Track) -> None:
         """Reconcile a route from before our start with what has been done before it was heard of.
@@ -118,7 +120,6 @@ class Execution:
                 continue
             entry = self._way_in(track)
             if entry is not None:
-                self._halted_for.pop(track.name, None)
                 self._last += 1
                 self._admission.enter(track, entry, self._last)
                 self._sent.add(track.name)
@@ -127,22 +128,20 @@ class Execution:
     def _way_in(self, track: Track) -> Entry | None:
         """The nearest stop that is free, by a way that keeps clear of those who are promised the
         ground that it rests on, and of who waits for them; if there is none, they are halted for
-        it, and if need be whoever waits for them too, but never for one that it was halted for
-        itself: each would be halted for the other for ever.
+        it, and if need be whoever waits for them too. One that it was halted for itself is only
+        halted if the way is free at once: else each would be halted for the other for ever.
         """
         ways = self._admission.entries[track.name]
         ways = [way for way in ways if not self._reserved.bars_entry(track, way)]
         rivals, taken = self._counting_on(track), self.taken(track)
-        behind = self._behind(rivals) - {track.name}
+        behind, before = self._behind(rivals) - {track.name}, self._all_halted_for(track)
         for way in ways:
             if not way.need & taken and not (rivals and self._crosses(track, way, behind)):
                 return way
         for halted in (rivals, behind):
-            if self._halted_for.get(track.name) in halted:
-                return None
-            others = self.taken(track, halted)
+            others, again = self.taken(track, halted), not before.isdisjoint(halted)
             for way in ways if halted else ():
-                if not way.need & others:
+                if not way.need & others and (not again or self._is_free(track, way)):
                     places = {name: self.tracks[name].place for name in halted}
                     ended = {n for n, k in places.items() if k is not None and way.need >> k & 1}
                     self._halt_for(track, ended)
@@ -175,19 +174,49 @@ class Execution:
                     more = True
         return {RobotName(name) for name in found}
 
+    def _ground(self, track: Track, way: Entry) -> Iterable[int]:
+        """All that excludes it on this way."""
+        rest = self._roadmap.rest(track.footprint, self._roadmap.places.point[way.place])
+        return (other for cell in (*way.cells, rest) for other in self._grants.excluded(cell))
+
     def _crosses(self, track: Track, way: Entry, others: Set[RobotName]) -> bool:
         """Is ground on this way owned by one of these, or promised to it."""
-        rest = self._roadmap.rest(track.footprint, self._roadmap.places.point[way.place])
-        found = (other for cell in (*way.cells, rest) for other in self._grants.excluded(cell))
         owners, promised = self._grants.owners, self._grants.promised
-        return any(n in others for cell in found for n in (*owners(cell), *promised(cell)))
+        ground = self._ground(track, way)
+        return any(n in others for cell in ground for n in (*owners(cell), *promised(cell)))
+
+    def _is_free(self, track: Track, way: Entry) -> bool:
+        """Does nobody else own any ground of this way."""
+        names = {name for cell in self._ground(track, way) for name in self._grants.owners(cell)}
+        return names <= {track.name}
 
     def _halt_for(self, track: Track, others: Set[RobotName] = frozenset()) -> None:
         """Halt those who count on its leaving, and these others."""
         for name in sorted(self._counting_on(track) | others):
+            self._halted(self.tracks[name]).add(track.name)
             self._admission.halt(self.tracks[name])
-            self._halted_for[name] = track.name
             self.freed = True
+
+    def _all_halted_for(self, track: Track) -> set[RobotName]:
+        """For whom it has been halted where it stands, and for whom they have been."""
+        found = {track.name}
+        more = [track.name]
+        while more:
+            known = self.tracks.get(more.pop())
+            fresh = set() if known is None else self._halted(known) - found
+            found |= fresh
+            more += fresh
+        return found - {track.name}
+
+    def _halted(self, track: Track) -> set[RobotName]:
+        """For whom it has been halted where it stands."""
+        report, none = track.report, set[RobotName]()
+        here_m = track.seen_m if report is None else (report.x_m, report.y_m)
+        at_m, found = self._halted_for.get(track.name, (here_m, none))
+        if math.dist(at_m, here_m) > MOVED_M:
+            at_m, found = here_m, none
+        self._halted_for[track.name] = at_m, found
+        return found
 
     def admit(
         self,

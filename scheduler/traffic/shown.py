@@ -7,6 +7,7 @@ from ledger.ids import RobotName, SceneId
 from ledger.link import DOOR, EXTERNAL, STUCK, Alarm, AlarmLevel, Plan, Space
 from ledger.waits import Wait
 from scheduler.goal import Goal
+from scheduler.traffic.admission import HALTED
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.ladder import Stuck
 from scheduler.traffic.roadmap import Roadmap
@@ -49,7 +50,7 @@ class Shown:
             names += self._grants.blockers(slot.cell, track.name, slot.commit)
         for name in names:
             blockers.add(name if name in robots else f"{EXTERNAL}{name}")
-        ways = track.untravelled()
+        ways = [] if track.trouble in HALTED else track.untravelled()
         return Plan(
             scene=self._scene,
             robot=track.name,

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import msgspec
 
 from ledger.ids import PathKey, RobotName
-from ledger.link import Drive, Mark, Piece, Report
+from ledger.link import Drive, Mark, Piece, Plan, Report
 from ledger.scene import XY, Kinematics
 from scheduler.traffic.costs import Costs
 from scheduler.traffic.grants import Grants
@@ -44,7 +44,7 @@ class Track(msgspec.Struct, kw_only=True):
     limits: Kinematics
     costs: Costs
     placed: bool = False  # its ground is claimed; without a place it is an obstacle
-    before: tuple[tuple[PathKey, int], ...] = ()  # until then: left to be driven when last heard of
+    last: Plan | None = None  # until then: what the scheduler before us intended with it
     trouble: str | None = "RobotNotHeard"  # why it cannot be moved
     place: int | None = None  # where its committed moves end
     heading_rad: float = 0.0  # there
@@ -159,7 +159,8 @@ class Track(msgspec.Struct, kw_only=True):
         parts of one count once.
         """
         if not self.placed:
-            return [*self.before]
+            last = self.last
+            return [] if last is None else [*zip(last.untravelled, last.commits, strict=False)]
         left: list[tuple[PathKey, int]] = []
         if self.driven:
             return left

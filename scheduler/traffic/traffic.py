@@ -12,7 +12,7 @@ from ledger.link import Drive, Plan, Report, TellRoute
 from ledger.scene import XY, Area, Door, Group
 from ledger.scene_config import SceneConfig
 from scheduler.goal import Goal
-from scheduler.traffic.admission import LOAD_CHANGED, MOVED_M, OLD_ROUTE, Admission
+from scheduler.traffic.admission import HALTED, MOVED_M, Admission
 from scheduler.traffic.ahead import ahead
 from scheduler.traffic.answers import Answers
 from scheduler.traffic.claims import Claims
@@ -165,13 +165,10 @@ class Traffic(Answers):
             track.lost, self._dirty = False, Due.LOST
         track.report = report
         if not track.placed:
-            remembered = len(track.owned), len(track.promised)
             self._admission.receive(track, report, self._execution.taken(track))
-            if track.placed:
-                track.forget(*remembered, self.grants)
             self._news(track)
             self._execution.fit_in(track)
-        elif track.trouble in (OLD_ROUTE, LOAD_CHANGED):
+        elif track.trouble in HALTED:
             self._admission.wait_on_old_route(track, report, self._execution.taken(track))
             self._dirty = Due.ROBOTS
         elif report.session == track.session:
