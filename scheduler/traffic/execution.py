@@ -4,21 +4,19 @@ Planners only propose an order of moves. A move is committed when no other robot
 end where it needs room, and from then on its ground is granted cell by cell, in commit order.
 """
 
-import math
-from collections.abc import Iterable, Set
+from collections.abc import Iterable
 
 from ledger.ids import RobotName
-from ledger.scene import XY
-from scheduler.traffic.admission import MOVED_M, Admission
+from scheduler.traffic.admission import Admission
 from scheduler.traffic.claims import Claims
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Guard
-from scheduler.traffic.placing import Entry
 from scheduler.traffic.roadmap import Roadmap
 from scheduler.traffic.routes import Builder, Leg
 from scheduler.traffic.safe import Safe
 from scheduler.traffic.track import Shut, Track
 from scheduler.traffic.waits import Outcome
+from scheduler.traffic.ways_in import WaysIn, taken
 from scheduler.traffic.world import World, room, turning_room
 
 
@@ -34,11 +32,17 @@ class Execution:
         self.guard = Guard(roadmap, grants)
         self._last = 0
         self._sent: set[RobotName] = set()  # by us, not by a scheduler before
-        self._halted_for: dict[RobotName, tuple[XY, set[RobotName]]] = {}  # while they stand there
         self.tracks: dict[RobotName, Track] = {}  # by name, ascending
         self.touched: set[RobotName] = set()  # there is something to tell them
         self.freed = False  # ground, since the last `acquire`
         self.turns_ahead = False
+        self._ways_in = WaysIn(roadmap, grants, reserved, self.tracks)
+
+    def add(self, track: Track) -> None:
+        """One robot more."""
+        robots = sorted([*self.tracks.items(), (track.name, track)])
+        self.tracks.clear()
+        self.tracks.update(robots)
 
     def adopt_numbers(self, track: Track) -> None:
         """Go on behind the numbers that a robot has brought along from before our start."""
@@ -70,13 +74,9 @@ class Execution:
                 self.touched.add(other.name)
                 self.freed = True
 
-    def taken(self, track: Track, but: Set[RobotName] = frozenset()) -> int:
-        """Bits of the places of all others; not of these."""
-        bits = 0
-        for other in self.tracks.values():
-            if other.place is not None and other is not track and other.name not in but:
-                bits |= 1 << other.place
-        return bits
+    def taken(self, track: Track) -> int:
+        """Bits of the places of all others."""
+        return taken(self.tracks.values(), {track.name})
 
     def reshape(self) -> None:
         """Give those at rest whose class has changed the ground of the new one, if it is free."""
@@ -118,105 +118,21 @@ class Execution:
             track = self.tracks[RobotName(name)]
             if track.lost or name in fixed:
                 continue
-            entry = self._way_in(track)
-            if entry is not None:
+            found = self._ways_in.find(track, self._admission.entries[track.name])
+            if found is not None:
+                entry, in_way = found
+                self._halt(in_way, track)
                 self._last += 1
                 self._admission.enter(track, entry, self._last)
                 self._sent.add(track.name)
                 self.touched.add(track.name)
 
-    def _way_in(self, track: Track) -> Entry | None:
-        """The nearest stop that is free, by a way that keeps clear of those who are promised the
-        ground that it rests on, and of who waits for them; if there is none, they are halted for
-        it, and if need be whoever waits for them too. One that it was halted for itself is only
-        halted if the way is free at once: else each would be halted for the other for ever.
-        """
-        ways = self._admission.entries[track.name]
-        ways = [way for way in ways if not self._reserved.bars_entry(track, way)]
-        rivals, taken = self._counting_on(track), self.taken(track)
-        behind, before = self._behind(rivals) - {track.name}, self._all_halted_for(track)
-        for way in ways:
-            if not way.need & taken and not (rivals and self._crosses(track, way, behind)):
-                return way
-        for halted in (rivals, behind):
-            others, again = self.taken(track, halted), not before.isdisjoint(halted)
-            for way in ways if halted else ():
-                if not way.need & others and (not again or self._is_free(track, way)):
-                    places = {name: self.tracks[name].place for name in halted}
-                    ended = {n for n, k in places.items() if k is not None and way.need >> k & 1}
-                    self._halt_for(track, ended)
-                    return way
-        return None
-
-    def _counting_on(self, track: Track) -> set[RobotName]:
-        """Who is promised the ground that a robot rests on: they counted on its leaving, but it
-        never heard of that before the scheduler started anew, or people have brought it there.
-        Its next move would wait for their promises, and they for it, for ever. What it only has
-        not given up yet, for it is just arriving, is not meant.
-        """
-        promised, excluded = self._grants.promised, self._grants.excluded
-        kept = [slot for slot in track.owned if slot.standing or slot is track.owned[-1]]
-        names = {n for slot in kept for cell in excluded(slot.cell) for n in promised(cell)}
-        return {RobotName(n) for n in names - {track.name}} & self.tracks.keys()
-
-    def _behind(self, robots: Set[RobotName]) -> set[RobotName]:
-        """These, and all that wait, or will, for one of them."""
-        found = set[str](robots)
-        more = bool(found)
-        while more:
-            more = False
-            for track in self.tracks.values():
-                if track.name not in found and any(
-                    not found.isdisjoint(self._grants.blockers(s.cell, track.name, s.commit))
-                    for s in track.promised
-                ):
-                    found.add(track.name)
-                    more = True
-        return {RobotName(name) for name in found}
-
-    def _ground(self, track: Track, way: Entry) -> Iterable[int]:
-        """All that excludes it on this way."""
-        rest = self._roadmap.rest(track.footprint, self._roadmap.places.point[way.place])
-        return (other for cell in (*way.cells, rest) for other in self._grants.excluded(cell))
-
-    def _crosses(self, track: Track, way: Entry, others: Set[RobotName]) -> bool:
-        """Is ground on this way owned by one of these, or promised to it."""
-        owners, promised = self._grants.owners, self._grants.promised
-        ground = self._ground(track, way)
-        return any(n in others for cell in ground for n in (*owners(cell), *promised(cell)))
-
-    def _is_free(self, track: Track, way: Entry) -> bool:
-        """Does nobody else own any ground of this way."""
-        names = {name for cell in self._ground(track, way) for name in self._grants.owners(cell)}
-        return names <= {track.name}
-
-    def _halt_for(self, track: Track, others: Set[RobotName] = frozenset()) -> None:
-        """Halt those who count on its leaving, and these others."""
-        for name in sorted(self._counting_on(track) | others):
-            self._halted(self.tracks[name]).add(track.name)
+    def _halt(self, names: Iterable[RobotName], track: Track) -> None:
+        """Halt these, for this one."""
+        for name in sorted(names):
+            self._ways_in.halted(self.tracks[name], track.name)
             self._admission.halt(self.tracks[name])
             self.freed = True
-
-    def _all_halted_for(self, track: Track) -> set[RobotName]:
-        """For whom it has been halted where it stands, and for whom they have been."""
-        found = {track.name}
-        more = [track.name]
-        while more:
-            known = self.tracks.get(more.pop())
-            fresh = set() if known is None else self._halted(known) - found
-            found |= fresh
-            more += fresh
-        return found - {track.name}
-
-    def _halted(self, track: Track) -> set[RobotName]:
-        """For whom it has been halted where it stands."""
-        report, none = track.report, set[RobotName]()
-        here_m = track.seen_m if report is None else (report.x_m, report.y_m)
-        at_m, found = self._halted_for.get(track.name, (here_m, none))
-        if math.dist(at_m, here_m) > MOVED_M:
-            at_m, found = here_m, none
-        self._halted_for[track.name] = at_m, found
-        return found
 
     def admit(
         self,
@@ -242,7 +158,7 @@ class Execution:
             before = track.place, track.heading_rad, track.commit
             if track.near and not need & positions and (safe is None or safe.take(name, moves)):
                 if track.driven:
-                    self._halt_for(track)
+                    self._halt(self._ways_in.counting_on(track), track)
                 ahead = self._ahead(world, track, moves, goal, positions & ~here)
                 self._commit(track, moves, goal, ahead)
                 positions = positions & ~here | 1 << track.place

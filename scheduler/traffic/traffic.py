@@ -112,14 +112,15 @@ class Traffic(Answers):
         """A robot of this area; nobody is given new moves before it has reported or is lost."""
         if robot in self._tracks:
             return
-        self._tracks[robot] = Track(
-            name=robot,
-            group=group,
-            footprint=self.roadmap.footprint_of[group],
-            limits=self.roadmap.groups[group].kinematics,
-            costs=self._costs[group],
+        self._execution.add(
+            Track(
+                name=robot,
+                group=group,
+                footprint=self.roadmap.footprint_of[group],
+                limits=self.roadmap.groups[group].kinematics,
+                costs=self._costs[group],
+            )
         )
-        self._execution.tracks = dict(sorted(self._tracks.items()))
         self._dirty = Due.ROBOTS
 
     def remove(self, robot: RobotName) -> None:
