@@ -2,7 +2,8 @@
 
 The days are made of pieces, one simulated hour each by default, each with its own seed and in a
 process of its own, so that any can be repeated alone. What is done is kept in a file, and the next
-call goes on behind it. Core, scheduler and robots are those of `serve`, on virtual time.
+call goes on behind it; one that fails does not stop the others. Core, scheduler and robots are
+those of `serve`, on virtual time.
 """
 
 import argparse
@@ -183,7 +184,7 @@ def soak(robots: int, days: float, minutes: float, mix: str, processes: int, pat
     seeds = range(1, round(days * 24 * 60 / minutes) + 1)
     done = _kept(path, robots, minutes)
     left = [seed for seed in seeds if seed not in done]
-    began, running = time.monotonic(), {}
+    began, running, failed = time.monotonic(), {}, list[int]()
     print(f"{len(seeds)} pieces of {minutes:g} min, {robots} robots; {len(done)} are done already")
     while left or running:
         while left and len(running) < processes:
@@ -198,17 +199,20 @@ def soak(robots: int, days: float, minutes: float, mix: str, processes: int, pat
             said, trouble = process.communicate()
             del running[seed]
             if process.returncode:
-                for other in running.values():
-                    other.kill()
+                failed.append(seed)
                 print(trouble[-4000:])
-                print(f"piece {seed} failed. To repeat it:\n  {' '.join(process.args[1:])}")
-                return 1
+                again = " ".join(process.args[1:])
+                print(f"piece {seed} failed. To repeat it:\n  {again}", flush=True)
+                continue
             with path.open("a") as file:
                 file.write(said.splitlines()[-1] + "\n")
             done[seed] = json.loads(said.splitlines()[-1])
             minutes_gone = (time.monotonic() - began) / 60
             to_go = len(left) + len(running)
             print(f"{minutes_gone:6.1f} min: piece {seed} done, {to_go} to go", flush=True)
+    if failed:
+        print(f"failed: {len(failed)} of {len(seeds)} pieces, of the seeds {failed}")
+        return 1
     rows = [done[seed] for seed in seeds]
     orders, cpu_s = (sum(row[key] for row in rows) for key in ("orders_done", "cpu_s"))
     stall_s, still_s = (max(row[key] for row in rows) for key in ("stall_s", "still_s"))
