@@ -25,7 +25,7 @@ from fleetledger.shift import Shift
 from ledger.ids import RobotName, robot_key
 from ledger.link import Plan
 from ledger.state import OrderKind, StepTask
-from scheduler.traffic.judge import body, collisions, double_grants
+from scheduler.traffic.judge import body, collisions, double_grants, outside
 from sim.faults import MIXES, FaultMix
 from sim.robot import SimRobot, place
 from sim.troubles import HAND, JUMP
@@ -58,7 +58,7 @@ class Piece:
         self._moved_ms: dict[RobotName, int] = {}
         self._poses: dict[RobotName, Pose] = {}
         self._by_people: set[RobotName] = set()  # they may leave it on reserved ground …
-        self._amid: set[RobotName] = set()  # … and on ground that another robot was granted
+        self._amid: set[RobotName] = set()  # … off its own, or on what another was granted
         self._look_ms = 0
         self.stands = Stands()
         self.still_ms = 0  # longest that somebody stood for whatever cause
@@ -145,11 +145,14 @@ class Piece:
         assert self.stands.unnamed_ms < STALL_MS, self.stands.unnamed
 
     def _grants_hold(self, plans: dict[RobotName, Plan]) -> None:
-        """No ground is granted twice (design notes §8, 1), but where people put a robot."""
+        """Exclusive and contained (design notes §8, 1 and 2), but where people put a robot."""
         twice = double_grants(plans.values())
         wrong = [pair for pair in twice if self._amid.isdisjoint(pair)]
         assert not wrong, f"granted twice at {self.shift.now_ms} ms: {wrong}"
-        self._amid &= self._in_hand(plans) | {name for pair in twice for name in pair}
+        bodies = {n: body(self._footprint, *pose) for n, pose in self._poses.items()}
+        off = {n for n, plan in plans.items() if plan.spaces and outside(plan, bodies[n])}
+        assert off <= self._amid, f"off its ground at {self.shift.now_ms} ms: {off}"
+        self._amid &= self._in_hand(plans) | off | {name for pair in twice for name in pair}
 
 
 def piece(robots: int, minutes: float, seed: int, mix: str) -> dict[str, float]:

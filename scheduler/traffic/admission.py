@@ -9,7 +9,7 @@ import shapely
 from ledger.ids import SceneId
 from ledger.link import Mark, Piece, Plan, Report
 from scheduler.traffic.classes import corners
-from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_along, widened
+from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_along, widened, wrap
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.placing import Entry, Locator, entries
 from scheduler.traffic.roadmap import Roadmap
@@ -78,7 +78,7 @@ class Admission:
     def has_moved(self, track: Track, report: Report) -> bool:
         """Tell whether it stands somewhere else than when it was last placed."""
         off = math.hypot(report.x_m - track.seen_m[0], report.y_m - track.seen_m[1])
-        return off > MOVED_M or abs(report.heading_rad - track.seen_rad) > MOVED_M
+        return off > MOVED_M or abs(wrap(report.heading_rad - track.seen_rad)) > MOVED_M
 
     def put_anew(self, track: Track, report: Report, taken: int) -> None:
         """Place it where it stands now, whatever it had."""

@@ -20,6 +20,7 @@ from scheduler.traffic.compile import compile_area
 from scheduler.traffic.costs import INFINITE
 from scheduler.traffic.doors import DoorNow, Doors
 from scheduler.traffic.execution import Execution
+from scheduler.traffic.geometry import turn_rad
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.guard import Breach
 from scheduler.traffic.guidance import SHARE, guided
@@ -207,12 +208,14 @@ class Traffic(Answers):
         """
         if not track.driven or (track.confirmed and not track.standing):
             return
+        turned = 0.0
         if track.place is not None and not track.owned[-1].standing:
             point = self.roadmap.net.points[self.roadmap.places.point[track.place]]
             off = max(abs(point.x_m - report.x_m), abs(point.y_m - report.y_m))
-            if off <= MOVED_M:  # what it rests on is no wider
+            turned = turn_rad(track.heading_rad, report.heading_rad)
+            if off <= MOVED_M and not turned:  # what it rests on is no wider
                 return
-        if self._admission.has_moved(track, report):
+        if turned or self._admission.has_moved(track, report):
             self._admission.put_anew(track, report, self._execution.taken(track))
             self._news(track)
 
