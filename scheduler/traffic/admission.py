@@ -13,7 +13,7 @@ from scheduler.traffic.geometry import MARGIN_M, body_at, discs, placed, poses_a
 from scheduler.traffic.grants import Grants
 from scheduler.traffic.placing import Entry, Locator, entries
 from scheduler.traffic.roadmap import Roadmap
-from scheduler.traffic.routes import Builder, adopted, end_of, expected
+from scheduler.traffic.routes import Builder, adopted, end_of, expected, granted
 from scheduler.traffic.track import ARRIVED_M, START, Slot, Track
 
 NEVER = 1 << 62  # a commit number behind all others
@@ -264,7 +264,7 @@ class Admission:
 
     def _adopt(self, track: Track, report: Report, route: list[Piece]) -> None:
         """Take a committed route over as it was: the same commit numbers, owned up to the reported
-        authority, promised beyond it.
+        authority, or to where it was granted by the last plan, promised beyond it.
         """
         track.session, track.confirmed = report.session, True
         track.placed, track.asking, track.trouble = True, False, None
@@ -284,6 +284,8 @@ class Admission:
             track.pieces.append((piece, track.way_m))
             track.way_m += piece.length_m if piece.path is not None else 0.0
         known = sum(_is_granted(slot, report.authority) for slot in slots[:-1])
+        if track.last is not None:
+            known = max(known, granted(self.roadmap, slots, track.last.spaces))
         passed = sum(slot.end is not None and slot.end <= report.progress for slot in slots[:-1])
         if not known:  # it has not set out: it owns the ground under it, and may go no further
             self._claim(track, report, None)

@@ -5,7 +5,7 @@ from collections.abc import Sequence, Set
 import msgspec
 
 from ledger.ids import PathKey
-from ledger.link import Mark, Piece
+from ledger.link import Mark, Piece, Space
 from ledger.scene import XY
 from scheduler.traffic.geometry import cut_front, turn_rad, wrap
 from scheduler.traffic.roadmap import Roadmap
@@ -182,6 +182,19 @@ def expected(
         own = [k for k, cell in enumerate(cells) if roadmap.ring(cell) in held]
         found += [(cell, commit) for cell in cells[max(own, default=-1) + 1 :]]
     return found
+
+
+def granted(roadmap: Roadmap, slots: Sequence[Slot], held: Sequence[Space]) -> int:
+    """How many of these slots a robot had been granted that held this ground, in its order; the
+    first of it may be left behind since. A way to and fro has the same ground twice: the fewest.
+    """
+    rings = [roadmap.ring(slot.cell) for slot in slots]
+    corners = [space.points for space in held]
+    for end in range(1, len(rings) + 1):
+        count = min(end, len(corners))
+        if count and rings[end - count : end] == corners[-count:]:
+            return end
+    return 0
 
 
 def end_of(roadmap: Roadmap, piece: Piece) -> int | None:

@@ -153,3 +153,37 @@ def test_nor_do_two_of_them_who_come_back_one_after_the_other(seed):
             mend(floor.robots[name])
             lawful(floor, floor.chance.randrange(1, 6))
         all_get_on(floor)
+
+
+def test_what_it_was_granted_without_hearing_of_it_stays_its_own():
+    """Found by faults with a restart a minute: it took back the ground that it had left, which
+    another had by then, and gave up what it had been granted since.
+    """
+    starts = {"A": ("P0-0", 0.0), "B": ("P2-0", 0.0), "C": ("P0-1", 0.0)}
+    floor = Floor(lattice(5, 2), (GROUP,), starts, [])
+    floor.idle = set(floor.robots)
+    floor.run(1.0)
+    to(floor, OTHER, "P4-0")
+    tick_until(floor, lambda: floor.robots[OTHER].x > 4.5)
+    floor.robots[OTHER].frozen_s = 20.0
+    to(floor, CUT, "P2-0")
+    under_way(floor, CUT)
+    floor.run(10.0)
+    robot = floor.robots[CUT]
+    assert robot.speed == 0.0
+    robot.tell = lambda _: None
+    tick_until(floor, lambda: floor.traffic._tracks[CUT].authority > robot.authority)
+    floor.run(1.0)
+    held = plan_of(floor, CUT).spaces
+    plans = floor.traffic.plans(floor.now_ms)
+    floor.restart()
+    for plan in plans:
+        floor.traffic.remember(plan)
+    del robot.tell
+    unheard = floor.robots[RobotName("C")]
+    cut(unheard)  # until all are heard nobody is granted anything
+    tick_until(floor, lambda: floor.traffic._tracks[CUT].placed)
+    assert plan_of(floor, CUT).spaces == held
+    mend(unheard)
+    lawful(floor, 30)
+    assert floor.done == {CUT: 1, OTHER: 1, "C": 0}
