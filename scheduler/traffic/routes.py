@@ -184,13 +184,14 @@ def expected(
     return found
 
 
-def granted(roadmap: Roadmap, slots: Sequence[Slot], held: Sequence[Space]) -> int:
-    """How many of these slots a robot had been granted that held this ground, in its order; the
-    first of it may be left behind since. A way to and fro has the same ground twice: the fewest.
+def granted(roadmap: Roadmap, slots: Sequence[Slot], passed: int, held: Sequence[Space]) -> int:
+    """How many of these slots a robot had been granted that held this ground, in its order, and has
+    `passed` so many of them. The first of it may be left behind since; before it comes nothing that
+    is not, for a way to and fro has the same ground twice.
     """
     rings = [roadmap.ring(slot.cell) for slot in slots]
     corners = [space.points for space in held]
-    for end in range(1, len(rings) + 1):
+    for end in range(1, min(len(rings), passed + len(corners)) + 1):
         count = min(end, len(corners))
         if count and rings[end - count : end] == corners[-count:]:
             return end

@@ -2,12 +2,16 @@
 who did not know where their routes go.
 """
 
+from functools import partial
+
 import msgspec
 import pytest
 
 from ledger.ids import PointName, RobotName
+from ledger.link import Space
 from ledger.scene import Group
 from scheduler.goal import Goal
+from scheduler.traffic.routes import Builder, Leg, granted
 from tests.laws.routes import acyclic, connected
 from tests.scheduler.traffic.floor import Floor
 from tests.scheduler.traffic.maps import lattice, spread
@@ -187,3 +191,26 @@ def test_what_it_was_granted_without_hearing_of_it_stays_its_own():
     mend(unheard)
     lawful(floor, 30)
     assert floor.done == {CUT: 1, OTHER: 1, "C": 0}
+
+
+def test_a_way_to_and_fro_has_the_same_ground_twice_and_only_one_was_granted():
+    floor = Floor(lattice(2, 1), (GROUP,), {"A": ("P0-0", 0.0)}, [])
+    roadmap = floor.traffic.roadmap
+    footprint = roadmap.footprint_of[GROUP.id]
+    number = {p.key: k for k, p in enumerate(roadmap.net.paths) if not p.backward}
+    there, back = number["P0-0->P1-0"], number["P1-0->P0-0"]
+    build = Builder(roadmap, footprint, roadmap.net.start[there], 0.0, 1)
+    build.drive([Leg(path=there)], 0, 1)
+    count = len(build.slots)
+    build.drive([Leg(path=back)], 1, 2)
+    build.rest()
+    held = [Space(points=roadmap.ring(slot.cell)) for slot in build.slots]
+    turn, first = count, count + 1
+    assert held[first] == held[count - 1] != held[turn]
+    known = partial(granted, roadmap)
+    assert known(build.slots[turn:], 0, held[count - 1 : count]) == 0, "it has not turned yet"
+    assert known(build.slots, 0, held[:3]) == 3
+    assert known(build.slots[1:], 0, held[:3]) == 2, "one is left behind since"
+    assert known(build.slots, 2, held[2:4]) == 4
+    assert known(build.slots, 1, held[2:4]) == 0
+    assert known(build.slots, 0, []) == 0
