@@ -72,7 +72,8 @@ class Yard:
         self.heard_ms = dict.fromkeys(self.robots, self.now_ms)
         self.moved_ms = dict.fromkeys(self.robots, self.now_ms)
         self.people_ms: dict[RobotName, int] = {}  # when they last had a robot in hand
-        self.strays: set[RobotName] = set()  # people left them on ground of others
+        self.strays: set[RobotName] = set()  # people left them on reserved ground …
+        self.amid: set[RobotName] = set()  # … and on what another robot was granted
         self.poses: dict[RobotName, tuple[float, float, float]] = {}
         self.claims: dict[str, tuple[str, tuple[XY, ...]]] = {}
         self.owned: set[str] = set()
@@ -265,6 +266,7 @@ class Yard:
                 name = RobotName(key.split("/")[1])
                 self.people_ms[name] = self.now_ms
                 self.strays.add(name)
+                self.amid.add(name)
         stood = Stands.long(self.moved_ms, self.now_ms)
         if stood and self.now_ms % LOOK_MS < STEP_MS:
             plans = {plan.robot: plan for plan in self.traffic.plans(self.now_ms)}
@@ -314,9 +316,11 @@ class Yard:
     def grants_hold(self) -> None:
         """Exclusive and contained, by polygons (design notes §8, 1 and 2)."""
         plans = self.traffic.plans(self.now_ms)
-        granted = [plan for plan in plans if not self._in_hand(plan.robot)]
-        twice = double_grants(granted)
-        assert not twice, f"granted twice at {self.now_ms - 1_000_000} ms: {twice}"
+        twice = double_grants(plans)
+        wrong = [pair for pair in twice if self.amid.isdisjoint(pair)]
+        assert not wrong, f"granted twice at {self.now_ms - 1_000_000} ms: {wrong}"
+        met = {name for pair in twice for name in pair}
+        self.amid = {name for name in self.amid if self._in_hand(name) or name in met}
         for plan in plans:
             if plan.spaces and not self._in_hand(plan.robot):
                 shape = self.bodies([plan.robot])[plan.robot]
