@@ -6,12 +6,12 @@ Written for these tests alone and on purpose not taken from `sim`: siblings do n
 import math
 import random
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import cast
 
 from ledger.ids import PointName, RobotName, SceneId
-from ledger.link import Drive, Mark, Piece, Report, TellRoute
+from ledger.link import Drive, Mark, Piece, Plan, Report, TellRoute
 from ledger.scene import XY, Area, Group
 from ledger.scene_config import SceneConfig
 from scheduler.corridors import Corridors
@@ -266,9 +266,11 @@ class Floor:
             traffic.add(name, self.group_of[name])
         return traffic
 
-    def restart(self) -> None:
-        """The scheduler forgets everything; the robots do not."""
+    def restart(self, known: Iterable[Plan] = ()) -> None:
+        """The scheduler forgets everything but these last plans; the robots do not."""
         self.traffic = self.fresh_traffic()
+        for plan in known:
+            self.traffic.remember(plan)
 
     def _orders(self) -> None:
         for name in self.robots:

@@ -21,15 +21,6 @@ def to(floor, name, point):
     floor.goals[name] = Goal(point=PointName(point), rank=(0, 0, name))
 
 
-def restart(floor):
-    """A new scheduler has the last plan with every robot."""
-    plans = floor.traffic.plans(floor.now_ms)
-    floor.restart()
-    for plan in plans:
-        floor.traffic.remember(plan)
-    return {plan.robot: plan for plan in plans}
-
-
 def track_of(floor, name):
     return floor.traffic._tracks[name]
 
@@ -56,7 +47,7 @@ def tick_until(floor, holds, seconds=60):
 
 
 def between_stops():
-    """A on its way from P0-0 to P3-0, behind B, which stands still half way on the next path."""
+    """A on its way from P0-0 to P2-0, behind B, which stands still half way on the next path."""
     floor = Floor(lattice(4, 2), (GROUP,), {"A": ("P0-0", 0.0), "B": ("P2-0", 0.0)}, [])
     floor.idle = set(floor.robots)
     floor.run(1.0)
@@ -72,8 +63,9 @@ def test_a_route_that_was_taken_back_is_not_driven_on_after_a_restart():
     floor = between_stops()
     halt(floor, HALTED)
     session = floor.robots[HALTED].session
-    plans = restart(floor)
-    assert not plans[HALTED].untravelled
+    plans = floor.traffic.plans(floor.now_ms)
+    assert not any(plan.untravelled for plan in plans if plan.robot == HALTED)
+    floor.restart(plans)
     lawful(floor, 20.0)
     assert floor.robots[HALTED].session != session, "it begins anew"
     floor.robots[OTHER].frozen_s = 0.0
@@ -95,7 +87,7 @@ def test_what_others_were_granted_meanwhile_stays_theirs(seed):
             if track_of(floor, name).pieces and track_of(floor, name).trouble is None:
                 halt(floor, name)
         lawful(floor, floor.chance.uniform(0.1, 4.0))
-        restart(floor)
+        floor.restart(floor.traffic.plans(floor.now_ms))
         lawful(floor, 4.0)
     done = dict(floor.done)
     tick_until(

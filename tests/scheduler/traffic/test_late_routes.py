@@ -36,10 +36,9 @@ def mend(robot):
 def restart_without(floor, *names, route_known):
     """A new scheduler knows of them what ground they held, and perhaps where they were to go."""
     plans = [plan for plan in floor.traffic.plans(floor.now_ms) if plan.robot in names]
-    floor.restart()
-    for plan in plans:
-        known = plan if route_known else msgspec.structs.replace(plan, untravelled=())
-        floor.traffic.remember(known)
+    if not route_known:
+        plans = [msgspec.structs.replace(plan, untravelled=()) for plan in plans]
+    floor.restart(plans)
     floor.run(3.0)
     for name in names:
         floor.traffic.lost(name)
@@ -179,10 +178,7 @@ def test_what_it_was_granted_without_hearing_of_it_stays_its_own():
     tick_until(floor, lambda: floor.traffic._tracks[CUT].authority > robot.authority)
     floor.run(1.0)
     held = plan_of(floor, CUT).spaces
-    plans = floor.traffic.plans(floor.now_ms)
-    floor.restart()
-    for plan in plans:
-        floor.traffic.remember(plan)
+    floor.restart(floor.traffic.plans(floor.now_ms))
     del robot.tell
     unheard = floor.robots[RobotName("C")]
     cut(unheard)  # until all are heard nobody is granted anything
