@@ -51,8 +51,7 @@ class Admission:
         route = _outstanding(report) if own else []
         if route and _was_halted(track, route):
             self._begin(track, report, keep_session=True)
-            track.placed, track.asking, track.trouble = True, False, OLD_ROUTE
-            track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
+            _placed_by(track, report, OLD_ROUTE)
             return
         remembered = len(track.owned), len(track.promised)
         if route:
@@ -90,9 +89,8 @@ class Admission:
         """Claim the ground under a robot that has no route, and find its place or way to one."""
         self.entries.pop(track.name, None)
         self._begin(track, report, keep_session)
-        track.placed, track.asking = True, False
-        track.place, track.trouble = None, None
-        track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
+        _placed_by(track, report)
+        track.place = None
         net = self.roadmap.net
         point = self._locator.nearest_point(report, self.within_m)
         legs = self._locator.on_paths(report, self.path_m)
@@ -267,8 +265,7 @@ class Admission:
         authority, or to where it was granted by the last plan, promised beyond it.
         """
         track.session, track.confirmed = report.session, True
-        track.placed, track.asking, track.trouble = True, False, None
-        track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
+        _placed_by(track, report)
         slots = adopted(self.roadmap, track.footprint, route)
         place = end_of(self.roadmap, route[-1])
         if slots is None or place is None:
@@ -308,6 +305,11 @@ class Admission:
         samples = max(2, math.ceil(piece.length_m / 0.1))
         _, poses = poses_along(piece.curve, samples, piece.backward)
         return shapely.convex_hull(shapely.multipoints(placed(corners, poses).reshape(-1, 2)))
+
+
+def _placed_by(track: Track, report: Report, trouble: str | None = None) -> None:
+    track.placed, track.asking, track.trouble = True, False, trouble
+    track.seen_m, track.seen_rad = (report.x_m, report.y_m), report.heading_rad
 
 
 def _is_granted(slot: Slot, authority: Mark) -> bool:
