@@ -281,7 +281,7 @@ class Admission:
             track.pieces.append((piece, track.way_m))
             track.way_m += piece.length_m if piece.path is not None else 0.0
         known = sum(_is_granted(slot, report.authority) for slot in slots[:-1])
-        passed = sum(slot.end is not None and slot.end <= report.progress for slot in slots[:-1])
+        passed = sum(slot.is_behind(report.progress) for slot in slots[:-1])
         if track.last is not None:
             known = max(known, granted(self.roadmap, slots, passed, track.last.spaces))
         if not known:  # it has not set out: it owns the ground under it, and may go no further

@@ -34,6 +34,14 @@ class Slot(msgspec.Struct, kw_only=True):
     standing: bool = False  # ground it was found on: it may stay there, which is no leave to drive
     resting: bool = False  # the place at the end of a commit; dropped if the route goes on in time
 
+    def is_behind(self, progress: Mark) -> bool:
+        """Has the reference point left it."""
+        if self.end is None:
+            return False
+        if self.end.piece != progress.piece:
+            return self.end.piece < progress.piece
+        return self.end.along_m <= progress.along_m + ALONG_EPS
+
 
 class Track(msgspec.Struct, kw_only=True):
     """What is known of one robot. `owned` is never empty once the robot is placed."""
@@ -226,19 +234,12 @@ class Track(msgspec.Struct, kw_only=True):
     def release(self, grants: Grants) -> bool:
         """Give up the cells that the reference point has left; the last owned one is kept."""
         any_left = False
-        while len(self.owned) > 1 and self._behind(self.owned[0]):
+        while len(self.owned) > 1 and self.owned[0].is_behind(self.progress):
             grants.release(self.owned.popleft().cell, self.name)
             any_left = True
         while len(self.pieces) > 1 and self.pieces[0][0].number < self.progress.piece:
             self.pieces.popleft()
         return any_left
-
-    def _behind(self, slot: Slot) -> bool:
-        if slot.end is None:
-            return False
-        if slot.end.piece != self.progress.piece:
-            return slot.end.piece < self.progress.piece
-        return slot.end.along_m <= self.progress.along_m + ALONG_EPS
 
     def cut_back(self, grants: Grants) -> None:
         """Keep the ground that it owns, and no more of its route than reaches to its end."""

@@ -158,9 +158,23 @@ def test_nor_do_two_of_them_who_come_back_one_after_the_other(seed):
         all_get_on(floor)
 
 
-def test_what_it_was_granted_without_hearing_of_it_stays_its_own():
+def reports_short(robot, metres):
+    """It has come to the end of a cell, but for what its progress was rounded down by."""
+    report = robot.report
+
+    def short(*when):
+        told = report(*when)
+        at = msgspec.structs.replace(told.progress, along_m=told.progress.along_m - metres)
+        return msgspec.structs.replace(told, progress=at)
+
+    robot.report = short
+
+
+@pytest.mark.parametrize("metres", [0.0, 0.0005])
+def test_what_it_was_granted_without_hearing_of_it_stays_its_own(metres):
     """Found by faults with a restart a minute: it took back the ground that it had left, which
-    another had by then, and gave up what it had been granted since.
+    another had by then, and gave up what it had been granted since. So did one whose progress was a
+    hair short of the end of that ground.
     """
     starts = {"A": ("P0-0", 0.0), "B": ("P2-0", 0.0), "C": ("P0-1", 0.0)}
     floor = Floor(lattice(5, 2), (GROUP,), starts, [])
@@ -180,6 +194,7 @@ def test_what_it_was_granted_without_hearing_of_it_stays_its_own():
     held = plan_of(floor, CUT).spaces
     floor.restart(floor.traffic.plans(floor.now_ms))
     del robot.tell
+    reports_short(robot, metres)
     unheard = floor.robots[RobotName("C")]
     cut(unheard)  # until all are heard nobody is granted anything
     tick_until(floor, lambda: floor.traffic._tracks[CUT].placed)
