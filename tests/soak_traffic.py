@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeAlias
 
+import msgspec
 import shapely
 import structlog
 
@@ -26,7 +27,7 @@ from ledger.ids import RobotName, robot_key
 from ledger.link import Plan
 from ledger.state import OrderKind, StepTask
 from scheduler.traffic.judge import body, collisions, double_grants, outside
-from sim.faults import MIXES, FaultMix
+from sim.faults import MIXES, STANDARD, FaultMix
 from sim.robot import SimRobot, place
 from sim.troubles import HAND, JUMP
 from sim.warehouses import for_robots
@@ -37,7 +38,9 @@ from tests.surroundings import Surroundings
 Pose: TypeAlias = tuple[float, float, float]
 
 ROOT = Path(__file__).parent.parent
-KEPT = ROOT / "data" / "soak-traffic.jsonl"
+# A new scheduler a minute: most of what it may take over wrongly is so only for a moment.
+RESTLESS = msgspec.structs.replace(STANDARD.times(3), scheduler_restarts_per_h=60.0)
+SOAKED = MIXES | {"restless": RESTLESS}
 STEP_MS = 400
 ORDERS_EACH = 2  # open at any time, for each robot
 LOOK_MS = 5_000  # between two looks for stalls
@@ -159,7 +162,7 @@ def piece(robots: int, minutes: float, seed: int, mix: str) -> dict[str, float]:
     """Run one piece, and give its figures."""
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     began_s = time.process_time()
-    made = Piece(robots, seed, MIXES[mix])
+    made = Piece(robots, seed, SOAKED[mix])
     tame()  # as the server does: the collector takes a twentieth of the time else
     made.run(minutes * 60)
     struck = made.shift.world.struck
@@ -232,16 +235,17 @@ def main() -> int:
     parser.add_argument("--days", type=float, default=2.0)
     parser.add_argument("--robots", type=int, default=100)
     parser.add_argument("--piece-minutes", type=float, default=60.0)
-    parser.add_argument("--faults", choices=sorted(MIXES), default="standard")
+    parser.add_argument("--faults", choices=sorted(SOAKED), default="standard")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--kept", type=Path, default=KEPT, help="what is done already")
+    parser.add_argument("--kept", type=Path, help="what is done already")
     parser.add_argument("--piece", type=int, help="do the piece of this seed only")
     told = parser.parse_args()
     if told.piece is not None:
         figures = piece(told.robots, told.piece_minutes, told.piece, told.faults)
         print(json.dumps(figures))
         return 0
-    return soak(told.robots, told.days, told.piece_minutes, told.faults, told.processes, told.kept)
+    kept = told.kept or ROOT / "data" / f"soak-{told.faults}.jsonl"
+    return soak(told.robots, told.days, told.piece_minutes, told.faults, told.processes, kept)
 
 
 if __name__ == "__main__":
