@@ -212,6 +212,13 @@ def implausible(report: Report) -> str | None:
     return None
 
 
+class Turn(Value, frozen=True, kw_only=True):
+    """A turn in place that a robot has still to make, and the number of the move it is made for."""
+
+    at_m: XY
+    commit: int
+
+
 class Space(Value, frozen=True, kw_only=True):
     """Ground that a robot holds: a polygon in the scene's frame."""
 
@@ -235,6 +242,7 @@ class Plan(Value, frozen=True, kw_only=True):
     target: PointName | None = None
     untravelled: tuple[PathKey, ...] = ()  # paths still to be driven
     commits: tuple[int, ...] = ()  # and for each the number of the move that it is driven for
+    turns: tuple[Turn, ...] = ()  # before, between and behind these
     spaces: tuple[Space, ...] = ()  # cells it holds now
     blocked_by: tuple[RobotName, ...] = ()  # and EXTERNAL with its owner, DOOR with its name
     commit: int = 0  # number of its newest committed move, 0 = none

@@ -118,7 +118,8 @@ class Admission:
         for space in last.spaces:
             self._take(track, self._shape(shapely.Polygon(space.points)), None)
         track.last, track.commit = last, last.commit
-        for cell, commit in expected(self.roadmap, track.footprint, track.untravelled(), held):
+        ways, turns = track.untravelled(), track.turns()
+        for cell, commit in expected(self.roadmap, track.footprint, ways, turns, held):
             track.promised.append(Slot(cell=cell, end=None, commit=commit))
             self.grants.promise(cell, track.name, commit)
 

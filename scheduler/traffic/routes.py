@@ -1,11 +1,12 @@
 """From compiled moves to the pieces that a robot drives and the cells that it needs for them."""
 
 from collections.abc import Sequence, Set
+from operator import itemgetter
 
 import msgspec
 
 from ledger.ids import PathKey
-from ledger.link import Mark, Piece, Space
+from ledger.link import Mark, Piece, Space, Turn
 from ledger.scene import XY
 from scheduler.traffic.geometry import cut_front, turn_rad, wrap
 from scheduler.traffic.roadmap import Roadmap
@@ -124,7 +125,7 @@ def adopted(roadmap: Roadmap, footprint: int, route: Sequence[Piece]) -> list[Sl
     """The cells of a route that was committed before a restart, under its old commit numbers;
     None if the route is not of this roadmap.
     """
-    points = {(point.x_m, point.y_m): k for k, point in enumerate(roadmap.net.points)}
+    points = _points(roadmap)
     slots: list[Slot] = []
     point: int | None = None
     before: Piece | None = None
@@ -164,16 +165,19 @@ def expected(
     roadmap: Roadmap,
     footprint: int,
     ways: Sequence[tuple[PathKey, int]],
+    turns: Sequence[Turn],
     held: Set[tuple[XY, ...]],
 ) -> list[tuple[int, int]]:
-    """Cells of a route of which only paths and commit numbers are known, each with its number;
-    without those that the robot holds, by their corners, and what lies before these.
+    """Cells of a route of which only paths, turns and commit numbers are known, each with its
+    number; without those that the robot holds, by their corners, and what lies before these.
     """
     parts: dict[PathKey, list[int]] = {key: [] for key, _ in ways}
     for k, path in enumerate(roadmap.net.paths):
         if path.key in parts:
             parts[path.key].append(k)
-    found: list[tuple[int, int]] = []
+    points = _points(roadmap)
+    standing = [(points[turn.at_m], turn.commit) for turn in turns if turn.at_m in points]
+    found = [(roadmap.disc(footprint, point), commit) for point, commit in standing]
     for key, commit in ways:
         cells: list[int] = []
         for k in parts[key]:
@@ -181,7 +185,7 @@ def expected(
             cells.append(roadmap.rest(footprint, roadmap.net.end[k]))
         own = [k for k, cell in enumerate(cells) if roadmap.ring(cell) in held]
         found += [(cell, commit) for cell in cells[max(own, default=-1) + 1 :]]
-    return found
+    return sorted(found, key=itemgetter(1))
 
 
 def granted(roadmap: Roadmap, slots: Sequence[Slot], passed: int, held: Sequence[Space]) -> int:
@@ -201,12 +205,15 @@ def granted(roadmap: Roadmap, slots: Sequence[Slot], passed: int, held: Sequence
 def end_of(roadmap: Roadmap, piece: Piece) -> int | None:
     """The place where a route with this last piece ends; None if that is none."""
     if piece.path is None:
-        points = {(point.x_m, point.y_m): k for k, point in enumerate(roadmap.net.points)}
-        point = points.get(piece.curve[0])
+        point = _points(roadmap).get(piece.curve[0])
     else:
         path = _part(roadmap, piece)
         point = None if path is None else roadmap.net.end[path]
     return None if point is None else roadmap.place_at.get(point)
+
+
+def _points(roadmap: Roadmap) -> dict[XY, int]:
+    return {(point.x_m, point.y_m): k for k, point in enumerate(roadmap.net.points)}
 
 
 def _part(roadmap: Roadmap, piece: Piece) -> int | None:

@@ -50,7 +50,8 @@ class Shown:
             names += self._grants.blockers(slot.cell, track.name, slot.commit)
         for name in names:
             blockers.add(name if name in robots else f"{EXTERNAL}{name}")
-        ways = [] if track.trouble in HALTED else track.untravelled()
+        halted = track.trouble in HALTED
+        ways = [] if halted else track.untravelled()
         return Plan(
             scene=self._scene,
             robot=track.name,
@@ -59,6 +60,7 @@ class Shown:
             target=None if goal is None else goal.point,
             untravelled=tuple(path for path, _ in ways),
             commits=tuple(commit for _, commit in ways),
+            turns=() if halted else track.turns(),
             spaces=tuple(spaces),
             blocked_by=tuple(RobotName(name) for name in sorted(blockers)),
             commit=track.commit,

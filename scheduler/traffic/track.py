@@ -7,7 +7,7 @@ from typing import TypeAlias
 import msgspec
 
 from ledger.ids import PathKey, RobotName
-from ledger.link import Drive, Mark, Piece, Plan, Report
+from ledger.link import Drive, Mark, Piece, Plan, Report, Turn
 from ledger.scene import XY, Kinematics
 from scheduler.traffic.costs import Costs
 from scheduler.traffic.grants import Grants
@@ -180,6 +180,20 @@ class Track(msgspec.Struct, kw_only=True):
             if number > at.piece or at.along_m < piece.length_m - ARRIVED_M:
                 left.append((path, piece.commit))
         return left
+
+    def turns(self) -> tuple[Turn, ...]:
+        """Turns in place still to be made."""
+        if not self.placed:
+            return () if self.last is None else self.last.turns
+        if self.driven:
+            return ()
+        at = self.progress
+        return tuple(
+            Turn(at_m=piece.curve[0], commit=piece.commit)
+            for piece, _ in self.pieces
+            if piece.path is None
+            and Mark(piece=piece.number, along_m=piece.length_m - ARRIVED_M) > at
+        )
 
     def extend(self, pieces: list[Piece], slots: list[Slot], grants: Grants) -> None:
         """Append a committed move: its pieces to the route, its cells as promises."""

@@ -2,19 +2,21 @@
 who did not know where their routes go.
 """
 
+import math
 from functools import partial
+from itertools import pairwise
 
 import msgspec
 import pytest
 
 from ledger.ids import PointName, RobotName
 from ledger.link import Space
-from ledger.scene import Group
+from ledger.scene import Group, Point
 from scheduler.goal import Goal
 from scheduler.traffic.routes import Builder, Leg, granted
 from tests.laws.routes import acyclic, connected
 from tests.scheduler.traffic.floor import Floor
-from tests.scheduler.traffic.maps import lattice, spread
+from tests.scheduler.traffic.maps import area_of, both, lattice, spread
 
 GROUP = Group(id=0, name="g")
 CUT, OTHER = RobotName("A"), RobotName("B")
@@ -225,3 +227,39 @@ def test_a_way_to_and_fro_has_the_same_ground_twice_and_only_one_was_granted():
     assert known(build.slots, 2, held[2:4]) == 4
     assert known(build.slots, 1, held[2:4]) == 0
     assert known(build.slots, 0, []) == 0
+
+
+def crossing():
+    """A lane and one that ends on it, with a point each half a metre: a robot is longer."""
+    lane = [Point(name=PointName(f"r{k}"), x_m=k / 2, y_m=0.0) for k in range(13)]
+    side = [Point(name=PointName(f"c{k}"), x_m=3.0, y_m=k / 2) for k in range(1, 7)]
+    ways = (*pairwise(lane), *pairwise([lane[6], *side]))
+    return area_of([*lane, *side], [path for a, b in ways for path in both(a.name, b.name)])
+
+
+def test_a_silent_robot_keeps_the_ground_to_turn_on():
+    """Found by faults with a restart a minute: its route began with a turn, which the last plan did
+    not name. Another was let so near to it that it could not turn, and each waited for the other.
+    """
+    ahead = RobotName("C")
+    starts = {"A": ("c5", -math.pi / 2), "B": ("r0", 0.0), "C": ("r4", 0.0)}
+    floor = Floor(crossing(), (GROUP,), starts, [])
+    floor.idle = set(floor.robots)
+    to(floor, ahead, "r12")
+    tick_until(floor, lambda: floor.robots[ahead].x > 4.0)
+    floor.robots[ahead].frozen_s = math.inf  # too near to turn beside it
+    to(floor, CUT, "r6")
+    tick_until(floor, lambda: floor.done[CUT])
+    to(floor, CUT, "c5")
+    to(floor, OTHER, "r9")
+    floor.run(3.0)
+    assert plan_of(floor, CUT).turns
+    cut(floor.robots[CUT])
+    for _ in range(2):
+        restart_without(floor, CUT, route_known=True)
+        lawful(floor, 10)
+    floor.robots[ahead].frozen_s = 0.0
+    lawful(floor, 20)
+    mend(floor.robots[CUT])
+    lawful(floor, 40)
+    assert floor.done == {CUT: 2, OTHER: 1, ahead: 1}
