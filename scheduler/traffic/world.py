@@ -85,12 +85,15 @@ def room(
 
 def in_way(world: World, place: int, heading_rad: float, move: int) -> tuple[str, ...]:
     """Robots whose ground closes a move to all others: lost ones, and those between stops."""
+    if not world.closed_by:
+        return ()
     turns = bool(turn_rad(heading_rad, world.roadmap.heading_start[move]))
     point = world.roadmap.places.point[place]
+    need = room(world, place, heading_rad, (move,), None) & ~(1 << place)
     return tuple(
         name
         for name, closed in world.closed_by.items()
-        if move in closed.moves or (turns and point in closed.turns)
+        if move in closed.moves or (turns and point in closed.turns) or need & closed.places
     )
 
 

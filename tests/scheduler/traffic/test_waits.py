@@ -1,6 +1,7 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
+from itertools import pairwise
 
 import msgspec
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from ledger.ids import PointName, RobotName
 from ledger.link import DOOR, EXTERNAL
-from ledger.scene import Area, Door, Group
+from ledger.scene import Area, Door, Group, Point
 from ledger.scene_config import SceneConfig
 from ledger.waits import Wait, WaitReason, chains
 from scheduler.goal import Goal
@@ -255,6 +256,20 @@ def test_who_is_between_stops_is_named_by_those_whose_way_it_closes_and_nobody_e
     made.busy[R1] = 10**12  # people have it in hand
     send(made, R0, "P2-0")
     assert why(looked(made, 8), R0) == (WaitReason.ROBOT_FIXED, (R1,))
+
+
+def test_so_it_is_by_those_who_only_need_a_stop_that_it_stands_too_near_to():
+    """Where stops are nearer to each other than a robot is long; found by faults in aisles."""
+    names = [f"P{k}" for k in range(13)]
+    points = [Point(name=PointName(name), x_m=k / 2, y_m=0.0) for k, name in enumerate(names)]
+    lane = area_of(points, [path for pair in pairwise(names) for path in both(*pair)])
+    made = floor(lane, {"R0": ("P0", 0.0), "R1": ("P9", 0.0)})
+    between = made.robots[R1]
+    between.x, between.y, between.heading = 4.75, 0.2, math.pi / 2
+    made.tick()
+    made.busy[R1] = 10**12
+    send(made, R0, "P12")
+    assert why(looked(made, 15), R0) == (WaitReason.ROBOT_FIXED, (R1,))
 
 
 def test_who_is_to_make_way_waits_for_those_who_stand_where_it_is_to_go():
