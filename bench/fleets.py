@@ -35,7 +35,7 @@ CORE_SHARE_MAX = 0.6  # of one core, at 300 robots
 Row = dict[str, float | str]
 
 
-def warehouse(robots: int, mix: FaultMix, seed: int = 1) -> Yard:
+def warehouse(robots: int, mix: FaultMix, seed: int = 1, made: type[Yard] = Yard) -> Yard:
     """The generated warehouse with orders to random bins, at most two at a time in one aisle."""
     file = for_robots(robots, seed)
     (area,) = file.areas
@@ -44,7 +44,7 @@ def warehouse(robots: int, mix: FaultMix, seed: int = 1) -> Yard:
         kind, aisle, *bay = bin_.name.split("-")
         if kind == "B":
             lanes[bin_.point] = f"{aisle} {(int(bay[0]) - 1) // BAYS}"
-    return Yard(
+    return made(
         area,
         robots,
         sorted(lanes),
@@ -56,14 +56,16 @@ def warehouse(robots: int, mix: FaultMix, seed: int = 1) -> Yard:
     )
 
 
-def measured(yard: Yard, hours: float, warm_up_s: float = 0.0) -> Row:
+def measured(
+    yard: Yard, hours: float, warm_up_s: float = 0.0, grants_every: int = GRANTS_EVERY
+) -> Row:
     """Run for so long, and give what came of it until the judge stopped it, which the row says."""
     ended = ""
     before, begun_ms, begun_s = 0, yard.now_ms, yard.planning_s
     try:
-        yard.run(warm_up_s, grants_every=GRANTS_EVERY)
+        yard.run(warm_up_s, grants_every=grants_every)
         before, begun_ms, begun_s = sum(yard.done.values()), yard.now_ms, yard.planning_s
-        yard.run(hours * 3600, grants_every=GRANTS_EVERY)
+        yard.run(hours * 3600, grants_every=grants_every)
     except AssertionError as wrong:
         ended = f"stopped: {wrong}"[:ENDED_MAX]
     passed_s = (yard.now_ms - begun_ms) / 1000

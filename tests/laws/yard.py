@@ -283,7 +283,8 @@ class Yard:
         """True bodies of robots and of strangers, and of robots and granted ground."""
         near = near_others(self.robots)
         if near:
-            assert collisions(self.bodies(near)) == [], f"at {self.now_ms - 1_000_000} ms"
+            met = [pair for pair in collisions(self.bodies(near)) if not self.excused(pair)]
+            assert not met, f"at {self.now_ms - 1_000_000} ms: {met}"
         grounds = {id_: shapely.Polygon(self.claims[id_][1]) for id_ in self.owned}
         bodies = self.bodies(self._near(grounds.values()))
         on = {
@@ -292,13 +293,17 @@ class Yard:
             for name, shape in bodies.items()
             if shape.intersection(ground).area > 1e-6
         }
-        self.strays = {n for n in self.strays if self._in_hand(n) or n in dict(on)}
+        self.strays = {n for n in self.strays if self.in_hand(n) or n in dict(on)}
         wrong = {(name, owner) for name, owner in on if name not in self.strays}
         assert not wrong, f"on reserved ground at {self.now_ms - 1_000_000} ms: {wrong}"
         for id_ in self.strangers.keys() & self.owned:
             shape = shapely.Polygon(self.strangers[id_].corners())
-            met = [n for n, b in bodies.items() if n not in self.strays and shape.intersects(b)]
-            assert not met, f"with the foreign vehicle {id_} at {self.now_ms - 1_000_000} ms: {met}"
+            hit = [n for n, b in bodies.items() if n not in self.strays and shape.intersects(b)]
+            assert not hit, f"with the foreign vehicle {id_} at {self.now_ms - 1_000_000} ms: {hit}"
+
+    def excused(self, pair: tuple[RobotName, RobotName]) -> bool:
+        """May these two overlap: never, but for whom a run says otherwise."""
+        return False
 
     def _near(self, grounds: Collection[shapely.Polygon]) -> list[RobotName]:
         """Robots whose discs reach into the boxes round these."""
@@ -310,7 +315,8 @@ class Yard:
                     found[name] = None
         return list(found)
 
-    def _in_hand(self, name: RobotName) -> bool:
+    def in_hand(self, name: RobotName) -> bool:
+        """Do people drive or push it just now, or have they just let go of it."""
         return self.now_ms - self.people_ms.get(name, 0) <= SETTLED_MS
 
     def grants_hold(self) -> None:
@@ -320,9 +326,9 @@ class Yard:
         wrong = [pair for pair in twice if self.amid.isdisjoint(pair)]
         assert not wrong, f"granted twice at {self.now_ms - 1_000_000} ms: {wrong}"
         met = {name for pair in twice for name in pair}
-        self.amid = {name for name in self.amid if self._in_hand(name) or name in met}
+        self.amid = {name for name in self.amid if self.in_hand(name) or name in met}
         for plan in plans:
-            if plan.spaces and not self._in_hand(plan.robot):
+            if plan.spaces and not self.in_hand(plan.robot):
                 shape = self.bodies([plan.robot])[plan.robot]
                 assert not outside(plan, shape), plan
 
