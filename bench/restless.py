@@ -7,11 +7,12 @@ Robots that people drive run into others here: a whole site has the guard, which
 """
 
 import argparse
+from collections.abc import Callable
 
 from bench import floors
 from bench.fleets import Row, measured, warehouse
 from bench.tables import show
-from ledger.ids import PointName, RobotName
+from ledger.ids import RobotName
 from ledger.scene import Area
 from tests.laws.yard import STEP_MS, Yard
 from tests.scheduler.traffic.maps import lattice
@@ -31,29 +32,25 @@ class Unguarded(Yard):
         return any(self.in_hand(name) for name in pair)
 
 
-def yard(instance: str, seed: int) -> Yard:
-    """One map with as many robots as are many on it."""
-    if instance == "warehouse":
-        return warehouse(30, RESTLESS, seed, Unguarded)
-    area, robots, service_s = {
-        "lattice 10 x 10": (lattice(10, 10), 40, 0.0),
-        "lattice 4 x 3": (lattice(4, 3), 5, 0.0),
-        "fine lattice 6 x 6": (floors.lattice(6, 2.0, 0.5), 16, 0.0),
-        "aisles": (floors.aisles("paired"), 20, 5.0),
-    }[instance]
-    return Unguarded(area, robots, _goals(area), seed=seed, mix=RESTLESS, service_s=service_s)
+def on(area: Area, robots: int, seed: int, service_s: float = 0.0) -> Yard:
+    """Orders at random to the bins, or where there are none to any point."""
+    goals = [bin_.point for bin_ in area.bins] or [point.name for point in area.points]
+    return Unguarded(area, robots, goals, seed=seed, mix=RESTLESS, service_s=service_s)
 
 
-INSTANCES = ("lattice 10 x 10", "lattice 4 x 3", "fine lattice 6 x 6", "aisles", "warehouse")
-
-
-def _goals(area: Area) -> list[PointName]:
-    return [bin_.point for bin_ in area.bins] or [point.name for point in area.points]
+# With as many robots as are many there.
+INSTANCES: dict[str, Callable[[int], Yard]] = {
+    "lattice 10 x 10": lambda seed: on(lattice(10, 10), 40, seed),
+    "lattice 4 x 3": lambda seed: on(lattice(4, 3), 5, seed),
+    "fine lattice 6 x 6": lambda seed: on(floors.lattice(6, 2.0, 0.5), 16, seed),
+    "aisles": lambda seed: on(floors.aisles("paired"), 20, seed, service_s=5.0),
+    "warehouse": lambda seed: warehouse(30, RESTLESS, seed, Unguarded),
+}
 
 
 def row(instance: str, seed: int, minutes: float) -> Row:
     """One run."""
-    made = measured(yard(instance, seed), minutes / 60, grants_every=GRANTS_EVERY)
+    made = measured(INSTANCES[instance](seed), minutes / 60, grants_every=GRANTS_EVERY)
     ours, most = made["longest_without_cause_s"], STALL_MS / 1000
     return {
         "instance": instance,

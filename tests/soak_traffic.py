@@ -237,7 +237,7 @@ def main() -> int:
     parser.add_argument("--piece-minutes", type=float, default=60.0)
     parser.add_argument("--faults", choices=sorted(SOAKED), default="standard")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--kept", type=Path, help="what is done already")
+    parser.add_argument("--kept", type=Path, help="what is done already; else a file a mix")
     parser.add_argument("--piece", type=int, help="do the piece of this seed only")
     told = parser.parse_args()
     if told.piece is not None:

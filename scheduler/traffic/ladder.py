@@ -38,6 +38,7 @@ NAMED_MAX = 8  # robots named in one alarm
 # have moved by then. Who only works there is given the time for that.
 ALARM_MS = 30_000
 WORKING_MS = 120_000
+IN_WAY = "stands in the way and cannot be sent away"
 
 
 class Stuck(Value, frozen=True, kw_only=True):
@@ -244,7 +245,8 @@ class Ladder:
         self._roots[track.name] = track.progress, since_ms
         if now_ms - since_ms < STALL_MS:
             return None
-        text = f"{track.name} has leave to drive and does not"
+        why = IN_WAY if track.driven else "has leave to drive and does not"
+        text = f"{track.name} {why}"
         return _Why(text=text, robots=(track.name,), working=True)
 
     def _note_vain(
@@ -307,7 +309,7 @@ def _why(
             text = f"{', '.join(silent[:NAMED_MAX])} does not answer and stands in the way"
             return _Why(text=text, robots=silent[:NAMED_MAX])
         if names:
-            text = f"{', '.join(names[:NAMED_MAX])} stands in the way and cannot be sent away"
+            text = f"{', '.join(names[:NAMED_MAX])} {IN_WAY}"
             return _Why(text=text, robots=names[:NAMED_MAX], working=True)
         return _Why(text="ground on the way is taken by what is not on the map's points")
     names = tuple(RobotName(world.agents[n].name) for n in around if n != k)[:NAMED_MAX]

@@ -1,7 +1,7 @@
 """One robot as traffic follows it: its route in cells, and what it has been told of it."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TypeAlias
 
 import msgspec
@@ -170,30 +170,26 @@ class Track(msgspec.Struct, kw_only=True):
             last = self.last
             return [] if last is None else [*zip(last.untravelled, last.commits, strict=False)]
         left: list[tuple[PathKey, int]] = []
-        if self.driven:
-            return left
-        at = self.progress
-        for piece, _ in self.pieces:
-            path, number = piece.path, piece.number
-            if path is None or number < at.piece or (left and left[-1][0] == path):
-                continue
-            if number > at.piece or at.along_m < piece.length_m - ARRIVED_M:
-                left.append((path, piece.commit))
+        for piece in self._left():
+            if piece.path is not None and not (left and left[-1][0] == piece.path):
+                left.append((piece.path, piece.commit))
         return left
 
     def turns(self) -> tuple[Turn, ...]:
         """Turns in place still to be made."""
         if not self.placed:
             return () if self.last is None else self.last.turns
-        if self.driven:
-            return ()
+        left = (piece for piece in self._left() if piece.path is None)
+        return tuple(Turn(at_m=piece.curve[0], commit=piece.commit) for piece in left)
+
+    def _left(self) -> Iterator[Piece]:
+        """Pieces that are not driven to their end."""
         at = self.progress
-        return tuple(
-            Turn(at_m=piece.curve[0], commit=piece.commit)
-            for piece, _ in self.pieces
-            if piece.path is None
-            and Mark(piece=piece.number, along_m=piece.length_m - ARRIVED_M) > at
-        )
+        for piece, _ in self.pieces:
+            if piece.number > at.piece or (
+                piece.number == at.piece and at.along_m < piece.length_m - ARRIVED_M
+            ):
+                yield piece
 
     def extend(self, pieces: list[Piece], slots: list[Slot], grants: Grants) -> None:
         """Append a committed move: its pieces to the route, its cells as promises."""

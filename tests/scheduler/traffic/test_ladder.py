@@ -2,6 +2,7 @@
 
 import math
 import random
+from functools import partial
 
 import pytest
 
@@ -9,7 +10,7 @@ from ledger.ids import PointName, RobotName
 from ledger.scene import Group
 from scheduler.goal import Goal
 from scheduler.traffic.halts import HALTED_MS
-from scheduler.traffic.ladder import ALARM_MS, RETRY_MS, WORKING_MS
+from scheduler.traffic.ladder import ALARM_MS, IN_WAY, RETRY_MS, WORKING_MS, Ladder
 from scheduler.traffic.planner import Distributed
 from scheduler.traffic.stalls import STALL_MS
 from tests.scheduler.traffic.floor import Floor
@@ -153,9 +154,21 @@ def test_a_robot_that_has_leave_to_drive_and_does_not_is_named():
     made.robots[RobotName("B")].frozen_s = math.inf
     told = alarm(made, "A", (STALL_MS + STALL_MS + WORKING_MS) / 1000 + 10)
     assert told.robots == ("B",)
+    assert "has leave to drive" in told.text
     made.robots[RobotName("B")].frozen_s = 0.0
     until_done(made)
     assert not stuck(made)
+
+
+def test_one_without_a_route_is_not_said_to_have_leave_to_drive():
+    """People had pushed one on to the route of another."""
+    made = floor(CROSS, {"A": "a", "B": "b"}, {})
+    made.tick()
+    tracks = made.traffic._tracks
+    held_up = partial(Ladder()._held_up, tracks, tracks[RobotName("A")])
+    assert held_up(lambda track: "B" if track.name == "A" else "", 0) is None
+    why = held_up(lambda track: "B" if track.name == "A" else "", STALL_MS)
+    assert why.text == f"B {IN_WAY}"
 
 
 class Sends(Distributed):

@@ -1,7 +1,6 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
-from itertools import pairwise
 
 import msgspec
 import pytest
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 
 from ledger.ids import PointName, RobotName
 from ledger.link import DOOR, EXTERNAL
-from ledger.scene import Area, Door, Group, Point
+from ledger.scene import Area, Door, Group
 from ledger.scene_config import SceneConfig
 from ledger.waits import Wait, WaitReason, chains
 from scheduler.goal import Goal
@@ -260,15 +259,12 @@ def test_who_is_between_stops_is_named_by_those_whose_way_it_closes_and_nobody_e
 
 def test_so_it_is_by_those_who_only_need_a_stop_that_it_stands_too_near_to():
     """Where stops are nearer to each other than a robot is long; found by faults in aisles."""
-    names = [f"P{k}" for k in range(13)]
-    points = [Point(name=PointName(name), x_m=k / 2, y_m=0.0) for k, name in enumerate(names)]
-    lane = area_of(points, [path for pair in pairwise(names) for path in both(*pair)])
-    made = floor(lane, {"R0": ("P0", 0.0), "R1": ("P9", 0.0)})
+    made = floor(lattice(13, 1, pitch_m=0.5), {"R0": ("P0-0", 0.0), "R1": ("P9-0", 0.0)})
     between = made.robots[R1]
     between.x, between.y, between.heading = 4.75, 0.2, math.pi / 2
     made.tick()
     made.busy[R1] = 10**12
-    send(made, R0, "P12")
+    send(made, R0, "P12-0")
     assert why(looked(made, 15), R0) == (WaitReason.ROBOT_FIXED, (R1,))
 
 
